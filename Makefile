@@ -1,0 +1,70 @@
+# One file per environment: make re-installs when pyproject.toml or the lock changes.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP_RUN := $(VENV)/.installed-run
+STAMP_TEST := $(VENV)/.installed-test
+STAMP_ALL := $(VENV)/.installed-all
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+CONSTRAINTS := constraints.txt
+
+.PHONY: demo test test-slow setup lint types contracts notebooks notebooks-check bench study docs clean lock
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(STAMP_RUN): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
+	$(PIP) -c $(CONSTRAINTS) -e .
+	touch $@
+
+$(STAMP_TEST): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
+	$(PIP) -c $(CONSTRAINTS) -e '.[test,notebooks]'
+	touch $@ $(STAMP_RUN)
+
+$(STAMP_ALL): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
+	$(PIP) -c $(CONSTRAINTS) -e '.[test,notebooks,bench,docs]'
+	touch $@ $(STAMP_RUN) $(STAMP_TEST)
+
+setup: $(STAMP_ALL)
+
+demo: $(STAMP_RUN)
+	$(BIN)/dmoc demo
+
+test: lint types contracts
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(MAKE) notebooks-check
+
+lint: $(STAMP_TEST)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMP_TEST)
+	$(BIN)/mypy
+
+contracts: $(STAMP_TEST)
+	$(BIN)/lint-imports
+
+test-slow: $(STAMP_TEST)
+	$(BIN)/python -m pytest -n 2 -m slow
+
+notebooks-check: $(STAMP_TEST)
+	$(BIN)/python notebooks/run.py --reduced
+
+notebooks: $(STAMP_TEST)
+	$(BIN)/python notebooks/run.py
+
+bench: $(STAMP_ALL)
+	$(BIN)/python -m benchmarks
+
+study: $(STAMP_RUN)
+	$(BIN)/dmoc study stud-welding
+
+docs: $(STAMP_ALL)
+	$(BIN)/python docs/build.py
+
+# Freeze what is installed in a fresh environment; CI and make install with these versions.
+lock: $(STAMP_ALL)
+	$(BIN)/python -m pip freeze --exclude-editable > $(CONSTRAINTS)
+
+clean:
+	rm -rf $(VENV) build dist runs docs/_site notebooks/_built .pytest_cache .mypy_cache .ruff_cache

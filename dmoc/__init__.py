@@ -1,0 +1,1 @@
+"""One motion of one robot: dynamics, optimal control, refinement, drives."""

@@ -1,0 +1,1 @@
+"""One path in one station: geometry, kinematics, collision, planning, certificates."""

@@ -1,0 +1,1 @@
+"""Many motions: which ones, in what order, and when."""

@@ -1,0 +1,1 @@
+"""Controller programs and log files."""

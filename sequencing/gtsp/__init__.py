@@ -1,0 +1,1 @@
+"""The generalised travelling salesman problem: exact and heuristic solvers."""

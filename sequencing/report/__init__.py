@@ -1,0 +1,1 @@
+"""Tables, pictures and scenes of a finished run."""

@@ -1,0 +1,1 @@
+"""Timing of several robots on shared DC links."""
