@@ -1,0 +1,298 @@
+"""A robot: URDF and robot.yaml become a `pin.Model`, limits, tool and payload (frozen)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import yaml
+
+from dmoc.arrays import Array, joint_vector, readonly
+from dmoc.errors import Fault, RobotError
+from dmoc.urdf_gate import check_urdf
+
+__all__ = ["Robot", "Tool", "available_robots", "load_robot"]
+
+IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Tool:
+    """What hangs on the flange: inertial values and tip pose in the flange frame.
+
+    `com_m` (3,), `inertia_kg_m2` (3, 3) about the centre of mass, `tip_position_m` (3,),
+    `tip_quaternion_xyzw` (4,): the tip's +Z points into the work piece.
+    """
+
+    mass_kg: float = 0.0
+    com_m: Array = field(default_factory=lambda: np.zeros(3))
+    inertia_kg_m2: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    tip_position_m: Array = field(default_factory=lambda: np.zeros(3))
+    tip_quaternion_xyzw: Array = field(default_factory=lambda: np.array(IDENTITY_QUATERNION))
+
+    def __post_init__(self) -> None:
+        for name, ndim in (
+            ("com_m", 1), ("inertia_kg_m2", 2), ("tip_position_m", 1), ("tip_quaternion_xyzw", 1),
+        ):  # fmt: skip
+            object.__setattr__(self, name, readonly(getattr(self, name), f"tool.{name}", ndim))
+
+    @property
+    def tip(self) -> pin.SE3:
+        """T_flange_tip."""
+        quaternion = pin.Quaternion(np.array(self.tip_quaternion_xyzw)).normalized()
+        return pin.SE3(quaternion.matrix(), np.array(self.tip_position_m))
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A fixed-base serial arm with everything that a motion depends on.
+
+    `model` holds the dynamics (tool and payload included, rotor armature in `model.armature`, base
+    placement in the first joint); treat it as read-only. All vectors are (n,): position limits
+    [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
+    [kg·m²]. `flange` is the frame that carries the tool. `drive` is the mapping of robot.yaml's
+    `drive` section (read by `dmoc.drive`); `provenance` tags every value as measured, published or
+    assumed. `fingerprint` changes with anything that changes a motion.
+    """
+
+    name: str
+    model: pin.Model
+    urdf: Path
+    flange: str
+    q_lower_rad: Array
+    q_upper_rad: Array
+    velocity_limit_rad_s: Array
+    acceleration_limit_rad_s2: Array
+    torque_limit_nm: Array
+    armature_kg_m2: Array
+    tool: Tool
+    payload_kg: float
+    base: pin.SE3
+    drive: Mapping[str, Any]
+    provenance: Mapping[str, str]
+    fingerprint: str
+
+    @property
+    def num_joints(self) -> int:
+        """n."""
+        return int(self.model.nv)
+
+    def gravity_torque_nm(self, q_rad: Array) -> Array:
+        """g(q) [N·m] for rows of q (K, n) or one q (n,)."""
+        data = self.model.createData()
+        rows = np.atleast_2d(np.asarray(q_rad, dtype=float))
+        torque = np.array([pin.computeGeneralizedGravity(self.model, data, row) for row in rows])
+        return torque[0] if np.ndim(q_rad) == 1 else torque
+
+    def flange_pose(self, q_rad: Array) -> pin.SE3:
+        """T_world_flange."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, np.asarray(q_rad, dtype=float))
+        return data.oMf[self.model.getFrameId(self.flange)].copy()
+
+    def tip_pose(self, q_rad: Array) -> pin.SE3:
+        """T_world_tip."""
+        return self.flange_pose(q_rad) * self.tool.tip
+
+    def with_tool(self, tool: Tool) -> Robot:
+        """This robot with `tool` on its flange instead of the present one."""
+        return _assemble(self, tool=tool)
+
+    def with_payload(self, payload_kg: float) -> Robot:
+        """This robot carrying a point mass `payload_kg` at the tool tip."""
+        return _assemble(self, payload_kg=payload_kg)
+
+    def with_base(self, base: pin.SE3) -> Robot:
+        """This robot standing at T_world_base."""
+        return _assemble(self, base=base)
+
+    def with_limits(self, **limits: Array | float) -> Robot:
+        """This robot with other limits (field names of this class, scalars repeat)."""
+        vectors = {key: joint_vector(value, key, self.num_joints) for key, value in limits.items()}
+        changed = replace(self, **vectors)
+        return replace(changed, fingerprint=_fingerprint(changed))
+
+
+def _robot_root() -> Path:
+    return Path(str(resources.files("dmoc"))) / "robots"
+
+
+def available_robots() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(p.parent.name for p in _robot_root().glob("*/robot.yaml")))
+
+
+def load_robot(name_or_path: str | Path) -> Robot:
+    """A robot of the package by name, or from a URDF file with its `robot.yaml` beside it.
+
+    Errors: `RobotError` with every fault found (file, line, field, value, legal range, fix).
+    """
+    text = str(name_or_path)
+    if text in available_robots():
+        urdf = _robot_root() / text / f"{text}.urdf"
+    else:
+        urdf = Path(text)
+        if urdf.is_dir():
+            candidates = sorted(urdf.glob("*.urdf"))
+            urdf = candidates[0] if len(candidates) == 1 else urdf / f"{urdf.name}.urdf"
+        if not urdf.is_file():
+            raise RobotError(
+                Fault("robot-missing", file=text, field="robot", value=text,
+                      legal="one of " + ", ".join(available_robots()) + ", or the path of a URDF",
+                      fix="check the name or the path")
+            )  # fmt: skip
+    check_urdf(urdf)
+    settings = _settings(urdf)
+    model = pin.buildModelFromUrdf(str(urdf))
+    faults = _settings_faults(urdf, settings, model)
+    if faults:
+        raise RobotError(faults)
+    n = model.nv
+    limits = settings.get("limits", {})
+
+    def vector(key: str, default: Array) -> Array:
+        value = settings.get(key, limits.get(key))
+        return joint_vector(default if value is None else value, key, n)
+
+    velocity = vector("velocity_limit_rad_s", model.velocityLimit)
+    robot = Robot(
+        name=str(settings.get("name", urdf.stem)), model=model, urdf=urdf.resolve(),
+        flange=str(settings.get("flange", _leaf_frame(model))),
+        q_lower_rad=vector("q_lower_rad", model.lowerPositionLimit),
+        q_upper_rad=vector("q_upper_rad", model.upperPositionLimit),
+        velocity_limit_rad_s=velocity,
+        acceleration_limit_rad_s2=vector("acceleration_limit_rad_s2", 10.0 * velocity),
+        torque_limit_nm=vector("torque_limit_nm", model.effortLimit),
+        armature_kg_m2=vector("armature_kg_m2", np.zeros(n)),
+        tool=Tool(), payload_kg=0.0, base=pin.SE3.Identity(),
+        drive=MappingProxyType(dict(settings.get("drive", {}))),
+        provenance=MappingProxyType(dict(settings.get("provenance", {}))), fingerprint="",
+    )  # fmt: skip
+    return _assemble(robot)
+
+
+def _settings(urdf: Path) -> dict[str, Any]:
+    path = urdf.with_name("robot.yaml")
+    if not path.is_file():
+        return {}
+    try:
+        loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        raise RobotError(
+            Fault("yaml-syntax", file=str(path), line=None if mark is None else mark.line + 1,
+                  value=str(getattr(error, "problem", error)), legal="YAML", fix="mend the syntax")
+        ) from error  # fmt: skip
+    if not isinstance(loaded, dict):
+        raise RobotError(
+            Fault("yaml-mapping", file=str(path), value=type(loaded).__name__,
+                  legal="a mapping of settings", fix="see the robots of the package")
+        )  # fmt: skip
+    return loaded
+
+
+_VECTORS = {
+    "armature_kg_m2": 0.0, "torque_limit_nm": 1e-9, "acceleration_limit_rad_s2": 1e-9,
+    "velocity_limit_rad_s": 1e-9,
+}  # fmt: skip
+_KNOWN = {*_VECTORS, "name", "flange", "q_lower_rad", "q_upper_rad", "drive", "provenance",
+          "schema_version", "limits", "allowed_collisions"}  # fmt: skip
+
+
+def _settings_faults(urdf: Path, settings: Mapping[str, Any], model: pin.Model) -> list[Fault]:
+    path, faults = str(urdf.with_name("robot.yaml")), []
+    for key in settings.keys() - _KNOWN:
+        faults.append(
+            Fault("robot-key", file=path, field=str(key), value=str(settings[key])[:60],
+                  legal=", ".join(sorted(_KNOWN)), fix="remove it or mend the spelling")
+        )  # fmt: skip
+    for key, least in _VECTORS.items():
+        if key not in settings:
+            continue
+        try:
+            value = np.asarray(settings[key], dtype=float)
+        except (TypeError, ValueError):
+            value = np.full(1, np.nan)
+        if value.shape not in ((), (model.nv,)) or not np.all(value >= least):
+            faults.append(
+                Fault("robot-value", file=path, field=key, value=str(settings[key]),
+                      legal=f"{model.nv} numbers >= {least:g}", fix="one number per joint")
+            )  # fmt: skip
+    flange = settings.get("flange")
+    if flange is not None and not model.existFrame(str(flange)):
+        faults.append(
+            Fault("robot-flange", file=path, field="flange", value=str(flange),
+                  legal=", ".join(f.name for f in model.frames), fix="name a link of the URDF")
+        )  # fmt: skip
+    return faults
+
+
+def _leaf_frame(model: pin.Model) -> str:
+    """The last body frame of the URDF: where a tool goes when robot.yaml does not say."""
+    bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
+    return bodies[-1]
+
+
+def _assemble(robot: Robot, **changes: Any) -> Robot:
+    """Rebuild the model from the URDF with tool, payload and base, and refresh the fingerprint."""
+    changed = replace(robot, **changes)
+    model = pin.buildModelFromUrdf(str(changed.urdf))
+    # Exact 0/±1 in the placements keep the symbolic dynamics small: a quarter turn written with
+    # six digits would otherwise leave terms of 1e-7 everywhere.
+    for i in range(model.njoints):
+        model.jointPlacements[i] = _snap(model.jointPlacements[i])
+    model.jointPlacements[1] = changed.base * model.jointPlacements[1]
+    for i, frame in enumerate(model.frames):
+        if frame.parentJoint == 0 and i > 0:
+            model.frames[i].placement = changed.base * frame.placement
+    model.armature = np.array(changed.armature_kg_m2)
+    frame = model.frames[model.getFrameId(changed.flange)]
+    tool = changed.tool
+    if tool.mass_kg > 0:
+        inertia = pin.Inertia(tool.mass_kg, np.array(tool.com_m), np.array(tool.inertia_kg_m2))
+        model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
+    if changed.payload_kg > 0:
+        point = pin.Inertia(changed.payload_kg, np.zeros(3), np.zeros((3, 3)))
+        model.appendBodyToJoint(frame.parentJoint, point, frame.placement * tool.tip)
+    changed = replace(changed, model=model)
+    return replace(changed, fingerprint=_fingerprint(changed))
+
+
+def _snap(placement: pin.SE3) -> pin.SE3:
+    rotation, translation = placement.rotation.copy(), placement.translation.copy()
+    for block in (rotation, translation):
+        nearest = np.round(block)
+        block[np.abs(block - nearest) < 1e-5] = nearest[np.abs(block - nearest) < 1e-5]
+    left, _, right = np.linalg.svd(rotation)
+    exact = (
+        rotation if np.array_equal(np.abs(rotation), np.round(np.abs(rotation))) else left @ right
+    )
+    return pin.SE3(exact, translation)
+
+
+def _fingerprint(robot: Robot) -> str:
+    """sha256 over everything that changes dynamics or limits, independent of file paths."""
+    model = robot.model
+    digest = hashlib.sha256()
+    for i in range(model.njoints):
+        digest.update(model.joints[i].shortname().encode())
+        digest.update(np.ascontiguousarray(model.jointPlacements[i].homogeneous).tobytes())
+        inertia = model.inertias[i]
+        digest.update(np.float64(inertia.mass).tobytes() + inertia.lever.tobytes())
+        digest.update(np.ascontiguousarray(inertia.inertia).tobytes())
+    for vector in (
+        model.armature, model.gravity.vector, robot.q_lower_rad, robot.q_upper_rad,
+        robot.velocity_limit_rad_s, robot.acceleration_limit_rad_s2, robot.torque_limit_nm,
+        robot.tool.tip.homogeneous,
+    ):  # fmt: skip
+        digest.update(np.ascontiguousarray(vector, dtype=np.float64).tobytes())
+    digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
+    return digest.hexdigest()
