@@ -60,7 +60,7 @@ def test_leaves_numpys_global_generator_alone() -> None:
 def barrier(x: np.ndarray) -> np.ndarray:
     """Minimum at 0.9 behind a forbidden band; the start lies on the wrong side of it."""
     value = (x[:, 0] - 0.9) ** 2
-    return np.where((x[:, 0] > 0.4) & (x[:, 0] < 0.6), np.inf, value)
+    return np.where((x[:, 0] > 0.35) & (x[:, 0] < 0.45), np.inf, value)
 
 
 def test_invisible_walls_cross_a_forbidden_band_that_absorbing_ones_do_not() -> None:
@@ -74,7 +74,7 @@ def test_invisible_walls_cross_a_forbidden_band_that_absorbing_ones_do_not() -> 
         ]
         reached[wall] = sum(runs)
     assert reached["invisible"] > reached["absorbing"]
-    assert reached["invisible"] >= 10
+    assert reached["invisible"] >= 15
 
 
 def test_everything_forbidden_is_inf_not_an_error() -> None:
