@@ -1,0 +1,167 @@
+"""A planned cycle: which weld pose after which, with which motion, and what it costs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from dmoc.arrays import Array, readonly
+from dmoc.motion import Motion
+from planning.station import Station
+from sequencing.gtsp.problem import Tour
+
+__all__ = ["Cycle", "CycleCost", "CycleMotion", "Search", "StudRow", "Tables", "Weld"]
+
+
+@dataclass(frozen=True)
+class Weld:
+    """One weld of the cycle: joint vector (n,), its cost (time × holding rate), its time [s]."""
+
+    stud: str
+    alternative: int
+    q_rad: Array
+    cost: float
+    time_s: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q_rad", readonly(self.q_rad, "q_rad", ndim=1))
+
+
+@dataclass(frozen=True)
+class CycleMotion:
+    """One motion of the cycle: `travel` from weld to weld, `home` from or to the home position."""
+
+    key: str
+    origin: str
+    target: str
+    kind: Literal["travel", "home"]
+    motion: Motion
+
+
+@dataclass(frozen=True)
+class CycleCost:
+    """Cost of a whole cycle, split as in the paper's Table 2."""
+
+    travel: float
+    welding: float
+
+    @property
+    def total(self) -> float:
+        """Travel + welding."""
+        return self.travel + self.welding
+
+    def to_dict(self) -> dict[str, float]:
+        """The object of `time_based` and `energy_based` in `--json`."""
+        return {"travel": self.travel, "welding": self.welding, "total": self.total}
+
+
+@dataclass(frozen=True)
+class StudRow:
+    """A row of Table 1: how many alternatives a stud has and the range of their weld costs."""
+
+    stud: str
+    alternatives: int
+    lowest_cost: float
+    highest_cost: float
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Table 1 (per stud) and Table 2: old (time-based) against new (cost-based) sequence.
+
+    `time_based` is the median total of `time_based_totals`, the costs of several sequences that
+    all minimise the approximate travel time (they tie).
+    """
+
+    studs: tuple[StudRow, ...]
+    time_based: CycleCost
+    time_based_totals: tuple[float, ...]
+    energy_based: CycleCost
+
+    @property
+    def saving_percent(self) -> float:
+        """100 (old − new) / old of the totals."""
+        return 100.0 * (1.0 - self.energy_based.total / self.time_based.total)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How the sequence was found and what is proven about it.
+
+    `lower_bound` is proven when `bound_is_proven`; `gap_percent` is the strict gap to it. The
+    conditional gap holds only if no unevaluated edge costs less than `conditional_factor` times
+    its estimate; it is never called a bound.
+    """
+
+    edges_total: int
+    edges_evaluated: int
+    edges_failed: int
+    lower_bound: float
+    bound_is_proven: bool
+    gap_percent: float
+    conditional_factor: float
+    conditional_gap_percent: float
+    stopped_by: str
+    rounds: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """The result of `plan_station`. Motions and welds are in order of execution.
+
+    With a home: motion 0 leaves home, motion k+1 leaves weld k, the last one returns home.
+    Without: motion k leaves weld k and the last one returns to weld 0. `unreachable` lists studs
+    that are not in the cycle, each with its reason. CPU times are in no field.
+    """
+
+    station: Station
+    seed: int
+    method: str
+    tour: Tour
+    welds: tuple[Weld, ...]
+    motions: tuple[CycleMotion, ...]
+    tables: Tables
+    search: Search
+    configurations: int
+    unreachable: tuple[tuple[str, str], ...]
+
+    @property
+    def duration_s(self) -> float:
+        """Cycle time: all motions and all welds [s]."""
+        return float(
+            sum(m.motion.duration_s for m in self.motions) + sum(w.time_s for w in self.welds)
+        )
+
+    @property
+    def certified(self) -> int:
+        """How many motions are certified between their knots."""
+        return sum(1 for m in self.motions if m.motion.certified)
+
+    @property
+    def fallbacks(self) -> int:
+        """How many motions are the time-scaled seed instead of a refined one."""
+        return sum(1 for m in self.motions if m.motion.source == "fallback")
+
+    def joint_curve(self, step_s: float = 0.02) -> tuple[Array, Array]:
+        """Times (K,) [s] and joint vectors (K, n) of the whole cycle, welds held."""
+        times: list[Array] = []
+        joints: list[Array] = []
+        clock = 0.0
+        with_home = len(self.motions) == len(self.welds) + 1
+        for index, item in enumerate(self.motions):
+            weld = index - 1 if with_home else index
+            if 0 <= weld < len(self.welds):
+                held = self.welds[weld]
+                times.append(np.array([clock, clock + held.time_s]))
+                joints.append(np.vstack([held.q_rad, held.q_rad]))
+                clock += held.time_s
+            trajectory = item.motion.require().trajectory
+            assert trajectory is not None
+            count = max(2, int(np.ceil(trajectory.duration_s / step_s)) + 1)
+            local = np.linspace(0.0, trajectory.duration_s, count)
+            times.append(clock + local)
+            joints.append(trajectory.sample(trajectory.t_s[0] + local).q_rad)
+            clock += trajectory.duration_s
+        return np.concatenate(times), np.vstack(joints)
