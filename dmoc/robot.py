@@ -51,7 +51,7 @@ class Tool:
         return pin.SE3(quaternion.matrix(), np.array(self.tip_position_m))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """A fixed-base serial arm with everything that a motion depends on.
 
@@ -60,7 +60,9 @@ class Robot:
     [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
     [kg·m²]. `flange` is the frame that carries the tool. `drive` is the mapping of robot.yaml's
     `drive` section (read by `dmoc.drive`); `provenance` tags every value as measured, published or
-    assumed. `fingerprint` changes with anything that changes a motion.
+    assumed. `allowed_collisions` are the pairs of links that may touch (neighbours in the chain).
+    `fingerprint` changes with anything that changes a motion; robots of equal fingerprint are
+    equal. Pickles carry the model itself, so a worker process needs no file for dynamics.
     """
 
     name: str
@@ -78,7 +80,28 @@ class Robot:
     base: pin.SE3
     drive: Mapping[str, Any]
     provenance: Mapping[str, str]
+    allowed_collisions: tuple[tuple[str, str], ...]
     fingerprint: str
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Robot) and self.fingerprint == other.fingerprint
+
+    def __hash__(self) -> int:
+        return hash(self.fingerprint)
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = dict(self.__dict__)
+        for name in ("drive", "provenance"):  # a mapping proxy cannot be pickled
+            state[name] = dict(state[name])
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if name in ("drive", "provenance"):
+                value = MappingProxyType(value)
+            elif isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
 
     @property
     def num_joints(self) -> int:
@@ -101,6 +124,16 @@ class Robot:
     def tip_pose(self, q_rad: Array) -> pin.SE3:
         """T_world_tip."""
         return self.flange_pose(q_rad) * self.tool.tip
+
+    def geometry(self, visual: bool = False) -> pin.GeometryModel:
+        """The links' collision (or visual) shapes at their joints, the base's placement included.
+
+        Tool and payload have no shape here. `geometryObjects[i].parentFrame` names the link.
+        """
+        kind = pin.GeometryType.VISUAL if visual else pin.GeometryType.COLLISION
+        return pin.buildGeomFromUrdf(
+            self.model, str(self.urdf), kind, package_dirs=[str(self.urdf.parent)]
+        )
 
     def with_tool(self, tool: Tool) -> Robot:
         """This robot with `tool` on its flange instead of the present one."""
@@ -174,7 +207,11 @@ def load_robot(name_or_path: str | Path) -> Robot:
         armature_kg_m2=vector("armature_kg_m2", np.zeros(n)),
         tool=Tool(), payload_kg=0.0, base=pin.SE3.Identity(),
         drive=MappingProxyType(dict(settings.get("drive", {}))),
-        provenance=MappingProxyType(dict(settings.get("provenance", {}))), fingerprint="",
+        provenance=MappingProxyType(dict(settings.get("provenance", {}))),
+        allowed_collisions=tuple(
+            (str(first), str(second)) for first, second in settings.get("allowed_collisions", ())
+        ),
+        fingerprint="",
     )  # fmt: skip
     return _assemble(robot)
 
@@ -294,5 +331,7 @@ def _fingerprint(robot: Robot) -> str:
         robot.tool.tip.homogeneous,
     ):  # fmt: skip
         digest.update(np.ascontiguousarray(vector, dtype=np.float64).tobytes())
+    flange = model.frames[model.getFrameId(robot.flange)]
+    digest.update(np.ascontiguousarray(flange.placement.homogeneous).tobytes())
     digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
     return digest.hexdigest()
