@@ -1,1 +1,21 @@
-"""The generalised travelling salesman problem: exact and heuristic solvers."""
+"""Generalised travelling salesman: one node of every cluster, in the cheapest order.
+
+Importing costs nothing: numba and the kernels are loaded at the first `solve`.
+"""
+
+from sequencing.gtsp.gtsplib import read_gtsplib, write_gtsplib
+from sequencing.gtsp.held_karp import held_karp_memory_bytes
+from sequencing.gtsp.portfolio import solve
+from sequencing.gtsp.problem import GtspProblem, Tour
+from sequencing.gtsp.stop import Incumbent, Stop
+
+__all__ = [
+    "GtspProblem",
+    "Incumbent",
+    "Stop",
+    "Tour",
+    "held_karp_memory_bytes",
+    "read_gtsplib",
+    "solve",
+    "write_gtsplib",
+]

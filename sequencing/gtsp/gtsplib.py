@@ -1,0 +1,258 @@
+"""Read and write `.gtsp` files: TSPLIB with a section of node sets (GTSPLIB).
+
+    GTSP_SETS: m
+    GTSP_SET_SECTION
+    1  4 7 9 -1        set number, 1-based nodes, −1
+
+All metrics and all explicit formats of TSPLIB are read. Two sections of our own keep what the
+format lacks, written only where needed: HOME, START, END, PATH keys (1-based), NODE_COST_SECTION
+(V numbers), EXIT_SECTION (V nodes) and PRECEDENCE_SECTION (pairs of sets, ended by −1).
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmoc.errors import DmocError, Fault, InputError
+from sequencing.gtsp.problem import GtspProblem
+from sequencing.gtsp.tsplib_metrics import METRICS
+
+__all__ = ["read_gtsplib", "write_gtsplib"]
+
+FORMATS = (
+    "FULL_MATRIX",
+    "UPPER_ROW",
+    "LOWER_ROW",
+    "UPPER_DIAG_ROW",
+    "LOWER_DIAG_ROW",
+    "UPPER_COL",
+    "LOWER_COL",
+    "UPPER_DIAG_COL",
+    "LOWER_DIAG_COL",
+)
+LARGEST_DIMENSION = 20_000  # a cost matrix of 3.2 GB
+
+
+class _File:
+    """Header values and section tokens of one file, with line numbers for faults."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.header: dict[str, tuple[str, int]] = {}
+        self.sections: dict[str, list[tuple[str, int]]] = {}
+        try:
+            text = path.read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(
+                Fault("gtsp-file", file=str(path), value=str(error.strerror), legal="a file")
+            ) from error
+        except UnicodeDecodeError as error:
+            raise InputError(
+                Fault("gtsp-file", file=str(path), value="not text", legal="a .gtsp text file")
+            ) from error
+        current: list[tuple[str, int]] | None = None
+        for number, line in enumerate(text.splitlines(), start=1):
+            words = line.split()
+            if not words:
+                continue
+            if words[0].upper() == "EOF":
+                break
+            key = words[0].rstrip(":").upper()
+            if key.endswith("_SECTION"):
+                current = self.sections.setdefault(key, [])
+                current += [(word, number) for word in words[1:] if word != ":"]
+            elif key[0].isalpha() and key not in ("INF", "NAN"):
+                current = None
+                value = line.split(":", 1)[1] if ":" in line else " ".join(words[1:])
+                self.header[key] = (value.strip(), number)
+            elif current is not None:
+                current += [(word, number) for word in words]
+            else:
+                raise self.error("gtsp-line", "", line.strip()[:40], "KEY: value", number)
+
+    def error(
+        self, code: str, field: str, value: str, legal: str, line: int | None = None
+    ) -> InputError:
+        return InputError(
+            Fault(code, file=str(self.path), field=field, value=value, legal=legal, line=line)
+        )
+
+    def text(self, key: str, default: str | None = None) -> str:
+        if key in self.header:
+            return self.header[key][0]
+        if default is None:
+            raise self.error("gtsp-key-missing", key, "nothing", f"a line '{key}: …'")
+        return default
+
+    def whole(self, key: str) -> int:
+        text = self.text(key)
+        line = self.header[key][1]
+        try:
+            value = int(text)
+        except ValueError as error:
+            raise self.error("gtsp-not-integer", key, text, "a whole number", line) from error
+        if not 1 <= value <= LARGEST_DIMENSION:
+            raise self.error("gtsp-range", key, text, f"1 … {LARGEST_DIMENSION}", line)
+        return value
+
+    def numbers(self, section: str, count: int | None = None) -> np.ndarray:
+        if section not in self.sections:
+            raise self.error("gtsp-section-missing", section, "nothing", "this section")
+        tokens = self.sections[section]
+        try:
+            values = np.array([word for word, _ in tokens], dtype=np.float64)
+        except ValueError:
+            word, at = next((w, n) for w, n in tokens if not _is_number(w))
+            raise self.error("gtsp-not-a-number", section, word, "a number", at) from None
+        if count is not None and values.size != count:
+            line = tokens[-1][1] if tokens else None
+            legal = f"{count} numbers"
+            raise self.error("gtsp-count", section, f"{values.size} numbers", legal, line)
+        return values
+
+
+def read_gtsplib(path: str | Path) -> GtspProblem:
+    """The problem of a `.gtsp` file. Raises `InputError` naming file, line, field and remedy."""
+    file = _File(Path(path))
+    size = file.whole("DIMENSION")
+    cost = _cost(file, size)
+    clusters = _sets(file, size)
+    fields: dict[str, Any] = {"name": file.text("NAME", Path(path).stem)}
+    for key in ("HOME", "START", "END"):
+        if key in file.header:
+            fields[key.lower()] = file.whole(key) - 1
+    fields["path"] = file.text("PATH", "no").lower() in ("yes", "true", "1")
+    if "NODE_COST_SECTION" in file.sections:
+        fields["node_cost"] = file.numbers("NODE_COST_SECTION", size)
+    if "EXIT_SECTION" in file.sections:
+        fields["exit_of"] = file.numbers("EXIT_SECTION", size) - 1
+    if "PRECEDENCE_SECTION" in file.sections:
+        values = file.numbers("PRECEDENCE_SECTION")
+        values = values[:-1] if values.size and values[-1] == -1 else values
+        if values.size % 2:
+            raise file.error("gtsp-count", "PRECEDENCE_SECTION", "an odd count", "pairs, then -1")
+        fields["precedence"] = [(int(a) - 1, int(b) - 1) for a, b in values.reshape(-1, 2)]
+    try:
+        return GtspProblem.from_clusters(cost, clusters, **fields)
+    except DmocError as error:
+        faults = [
+            Fault(f.code, str(path), f.field, f.value, f.legal, f.fix, f.line) for f in error.faults
+        ]
+        raise InputError(faults) from error
+
+
+def write_gtsplib(problem: GtspProblem, path: str | Path) -> None:
+    """Write a problem with an explicit full matrix; reading it back gives the same problem."""
+    size = problem.num_nodes
+    symmetric = np.array_equal(problem.cost, problem.cost.T)
+    lines = [
+        f"NAME: {problem.name or Path(path).stem}",
+        f"TYPE: {'GTSP' if symmetric else 'AGTSP'}",
+        f"DIMENSION: {size}",
+        f"GTSP_SETS: {problem.num_clusters}",
+        "EDGE_WEIGHT_TYPE: EXPLICIT",
+        "EDGE_WEIGHT_FORMAT: FULL_MATRIX",
+    ]
+    for key in ("home", "start", "end"):
+        node = getattr(problem, key)
+        if node is not None:
+            lines.append(f"{key.upper()}: {node + 1}")
+    if problem.path:
+        lines.append("PATH: yes")
+    lines.append("EDGE_WEIGHT_SECTION")
+    lines += [" ".join(map(_number, row)) for row in problem.cost]
+    if problem.node_cost.any():
+        lines += ["NODE_COST_SECTION", " ".join(map(_number, problem.node_cost))]
+    if not np.array_equal(problem.exit_of, np.arange(size)):
+        lines += ["EXIT_SECTION", " ".join(str(v + 1) for v in problem.exit_of)]
+    if problem.precedence:
+        pairs = [f"{a + 1} {b + 1}" for a, b in problem.precedence]
+        lines += ["PRECEDENCE_SECTION", *pairs, "-1"]
+    lines.append("GTSP_SET_SECTION")
+    for g, nodes in enumerate(problem.clusters, start=1):
+        lines.append(" ".join(map(str, [g, *(v + 1 for v in nodes), -1])))
+    Path(path).write_text("\n".join([*lines, "EOF", ""]), encoding="utf-8")
+
+
+def _cost(file: _File, size: int) -> np.ndarray:
+    kind = file.text("EDGE_WEIGHT_TYPE").upper()
+    if kind == "EXPLICIT":
+        return _explicit(file, size)
+    if kind not in METRICS:
+        legal = ", ".join(["EXPLICIT", *METRICS])
+        raise file.error("gtsp-metric", "EDGE_WEIGHT_TYPE", kind, legal)
+    dimensions, metric = METRICS[kind]
+    table = file.numbers("NODE_COORD_SECTION", size * (dimensions + 1))
+    table = table.reshape(size, dimensions + 1)
+    if not np.array_equal(np.sort(table[:, 0]), np.arange(1, size + 1)):
+        raise file.error("gtsp-node-range", "NODE_COORD_SECTION", "node numbers", f"1 … {size}")
+    if not np.isfinite(table).all():
+        raise file.error("gtsp-not-a-number", "NODE_COORD_SECTION", "inf or nan", "finite")
+    return metric(table[np.argsort(table[:, 0]), 1:])
+
+
+def _explicit(file: _File, size: int) -> np.ndarray:
+    form = file.text("EDGE_WEIGHT_FORMAT").upper()
+    if form not in FORMATS:
+        raise file.error("gtsp-format", "EDGE_WEIGHT_FORMAT", form, ", ".join(FORMATS))
+    if form == "FULL_MATRIX":
+        return file.numbers("EDGE_WEIGHT_SECTION", size * size).reshape(size, size)
+    diagonal = "DIAG" in form
+    count = size * (size + 1) // 2 if diagonal else size * (size - 1) // 2
+    values = file.numbers("EDGE_WEIGHT_SECTION", count)
+    # a matrix given by columns of one triangle is, read by rows, the other triangle
+    upper = form.startswith("UPPER") != form.endswith("COL")
+    offset = 0 if diagonal else 1
+    rows, columns = np.triu_indices(size, offset) if upper else np.tril_indices(size, -offset)
+    cost = np.zeros((size, size))
+    cost[rows, columns] = values
+    cost[columns, rows] = values
+    return cost
+
+
+def _sets(file: _File, size: int) -> list[list[int]]:
+    wanted = file.whole("GTSP_SETS")
+    values = file.numbers("GTSP_SET_SECTION")
+    tokens = file.sections["GTSP_SET_SECTION"]
+    sets: dict[int, list[int]] = {}
+    row: list[int] = []
+    for value, (word, line) in zip(values, tokens):
+        if value != math.floor(value):
+            raise file.error("gtsp-not-integer", "GTSP_SET_SECTION", word, "whole numbers", line)
+        if value != -1:
+            row.append(int(value))
+            continue
+        if not row or not 1 <= row[0] <= wanted:
+            text = str(row[0]) if row else "nothing"
+            raise file.error("gtsp-set", "GTSP_SET_SECTION", text, f"a set 1 … {wanted}", line)
+        if row[0] in sets:
+            raise file.error("gtsp-set", "GTSP_SET_SECTION", f"set {row[0]} twice", "once", line)
+        outside = [v for v in row[1:] if not 1 <= v <= size]
+        if outside:
+            text = f"node {outside[0]} in set {row[0]}"
+            raise file.error("gtsp-node-range", "GTSP_SET_SECTION", text, f"1 … {size}", line)
+        sets[row[0]] = [v - 1 for v in row[1:]]
+        row = []
+    if row:
+        text = f"set {row[0]} without its end"
+        raise file.error("gtsp-set", "GTSP_SET_SECTION", text, "-1 after the nodes of a set")
+    if len(sets) != wanted:
+        text = f"{len(sets)} sets"
+        raise file.error("gtsp-set", "GTSP_SET_SECTION", text, f"{wanted} sets, as GTSP_SETS")
+    return [sets[k] for k in range(1, wanted + 1)]
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if math.isfinite(value) and value == int(value) else repr(float(value))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
