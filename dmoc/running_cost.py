@@ -1,0 +1,49 @@
+r"""What a given trajectory costs, by quadrature of inverse dynamics along its interpolant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmoc.arrays import Array
+from dmoc.cost import Cost, ElectricalCost
+from dmoc.drive import drive_from_mapping, electrical_power_w
+from dmoc.robot import Robot
+from dmoc.trajectory import JointTrajectory, inverse_dynamics
+
+__all__ = ["cost_rate", "trajectory_cost"]
+
+# Three-point Gauss-Legendre on [0, 1].
+_NODES = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)])
+_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+
+
+def cost_rate(
+    cost: Cost | ElectricalCost,
+    robot: Robot,
+    velocity_rad_s: Array,
+    acceleration_rad_s2: Array,
+    torque_nm: Array,
+) -> Array:
+    """The integrand of J (K,) for rows of q̇, q̈, τ (K, n)."""
+    speed = cost.velocity * np.sum(velocity_rad_s**2, axis=1)
+    if isinstance(cost, Cost):
+        return cost.time + speed + cost.effort * np.sum(torque_nm**2, axis=1)
+    drive = drive_from_mapping(robot.drive, robot.num_joints)
+    power = electrical_power_w(velocity_rad_s, acceleration_rad_s2, torque_nm, drive)
+    return cost.time + speed + cost.energy * np.sum(power, axis=1)
+
+
+def trajectory_cost(
+    trajectory: JointTrajectory, robot: Robot, cost: Cost | ElectricalCost
+) -> float:
+    """J of the cubic interpolant of `trajectory` with the torques that it needs.
+
+    Three Gauss points an interval; torques by inverse dynamics, rotor armature included. Smoothing
+    is not part of it.
+    """
+    step = np.diff(trajectory.t_s)
+    times = (trajectory.t_s[:-1, None] + step[:, None] * _NODES).ravel()
+    q, v, a, _ = trajectory.sample(times)
+    torque = inverse_dynamics(robot.model, q, v, a)
+    rate = cost_rate(cost, robot, v, a, torque).reshape(-1, _NODES.size)
+    return float(np.sum(step[:, None] * _WEIGHTS * rate))
