@@ -1,0 +1,125 @@
+"""One edge, solved in whatever process an Executor runs it: a pure function of its job."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from dmoc.motion import Motion, MotionProblem
+from dmoc.nlp_types import IpoptParams
+from planning.edge_motion import plan_motion
+from planning.shapes import Body
+from planning.station import Station, Stud
+from planning.world import CollisionWorld
+from sequencing.store import decode_motion, encode_motion
+
+__all__ = ["EdgeJob", "EdgeResult", "context_fingerprint", "solve_edge", "write_context"]
+
+# Raised whenever a change of the code changes the motion that an edge gets.
+EDGE_VERSION = 1
+
+Quality = Literal["screen", "final"]
+
+
+@dataclass(frozen=True)
+class EdgeJob:
+    """What a worker needs: the context file (a station), the two ends, quality and seed.
+
+    `origin` and `target` are stud ids, None for home. `start_rad` and `goal_rad` (n,) as tuples.
+    `screened` is the screening motion that a final solve starts from.
+    """
+
+    context: str
+    key: str
+    origin: str | None
+    target: str | None
+    start_rad: tuple[float, ...]
+    goal_rad: tuple[float, ...]
+    quality: Quality
+    method: str
+    seed: int
+    screened: bytes | None = None
+
+
+@dataclass(frozen=True)
+class EdgeResult:
+    """Key, encoded motion, and the CPU seconds that it took (reported, never stored)."""
+
+    key: str
+    payload: bytes
+    cpu_s: float
+
+
+def write_context(station: Station, folder: Path) -> str:
+    """Write the station for the workers; returns the path. The file lives as long as the run."""
+    path = folder / f"context-{station.fingerprint[:16]}-{os.getpid()}.pickle"
+    path.write_bytes(pickle.dumps(station))
+    return str(path)
+
+
+@lru_cache(maxsize=2)
+def _context(path: str) -> tuple[Station, CollisionWorld, dict[str, Stud]]:
+    # Only files written by `write_context` of the same run are read here.
+    station: Station = pickle.loads(Path(path).read_bytes())
+    return station, CollisionWorld(station), {stud.id: stud for stud in station.studs}
+
+
+def solve_edge(job: EdgeJob) -> EdgeResult:
+    """Plan and refine the motion of a job. Expected failure is a status of the motion."""
+    began = time.process_time()
+    station, world, studs = _context(job.context)
+    motion = edge_motion(station, world, studs, job)
+    return EdgeResult(job.key, encode_motion(motion), time.process_time() - began)
+
+
+def edge_motion(
+    station: Station, world: CollisionWorld, studs: dict[str, Stud], job: EdgeJob
+) -> Motion:
+    """The motion of a job in a world that exists already."""
+    screened = None if job.screened is None else decode_motion(job.screened, station.robot)
+    problem = MotionProblem(
+        station.robot, np.array(job.start_rad), np.array(job.goal_rad), station.cost
+    )
+    return plan_motion(
+        problem, world,
+        origin=None if job.origin is None else studs[job.origin],
+        target=None if job.target is None else studs[job.target],
+        station=station, quality=job.quality, method=job.method, seed=job.seed,
+        initial=None if screened is None else screened.trajectory,
+    )  # fmt: skip
+
+
+def context_fingerprint(station: Station, method: str) -> str:
+    """sha256 of everything but the two ends that decides an edge: robot, shapes, cost, versions.
+
+    The list of studs is not part of it: editing one stud leaves the edges of the others valid.
+    """
+    digest = hashlib.sha256()
+    digest.update(f"{EDGE_VERSION}|{method}|{station.cost!r}|{station.clearance_m!r}".encode())
+    digest.update(repr(sorted(station.allowed_collisions)).encode())
+    digest.update(repr(IpoptParams()).encode())
+    for name in ("casadi", "pin", "coal", "ompl", "numpy", "toppra"):
+        digest.update(f"{name}={version(name)};".encode())
+    digest.update(station.robot.fingerprint.encode())
+    for body in (*station.tool_bodies, *station.obstacles):
+        _digest_body(digest, body)
+    return digest.hexdigest()
+
+
+def _digest_body(digest: hashlib._Hash, body: Body) -> None:
+    digest.update(f"{body.name}|{body.touches}".encode())
+    digest.update(np.ascontiguousarray(body.pose).tobytes())
+    for shape in body.shapes:
+        digest.update(f"{shape.kind}{shape.size_m!r}".encode())
+        digest.update(np.ascontiguousarray(shape.pose).tobytes())
+        if shape.vertices_m is not None:
+            digest.update(np.ascontiguousarray(shape.vertices_m).tobytes())

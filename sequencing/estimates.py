@@ -1,0 +1,96 @@
+"""Cheap numbers for the cost of a motion: a proven lower bound and estimates that rank well.
+
+Only `speed_bound` is a bound. The straight-line estimate is usually above the optimum, the learned
+one scatters around it; neither may enter a statement that is called proven.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from dmoc.arrays import Array
+from dmoc.cost import Cost
+from dmoc.robot import Robot
+
+__all__ = ["StraightLine", "quintic_quadrature", "speed_bound", "straight_line", "travel_time"]
+
+
+def travel_time(robot: Robot, start: Array, goal: Array) -> Array:
+    """Approximate travel time max_j |Δq_j| / v_j (K,) [s] of rows start, goal (K, n)."""
+    return np.max(np.abs(goal - start) / robot.velocity_limit_rad_s, axis=-1)
+
+
+def speed_bound(robot: Robot, cost: Cost, waypoints: Array) -> Array:
+    r"""Lower bound (K,) of J for motions through `waypoints` (K, W, n), proven.
+
+    With the length ℓ = Σ‖Δq_i‖ of the polygon through the waypoints, ∫‖q̇‖² dt ≥ ℓ²/T by
+    Cauchy–Schwarz, T ≥ T_min = Σ max_j |Δq_ij| / v_j by the speed limits, and u^T u ≥ 0:
+
+    .. math:: J \ge \min_{T \ge T_{min}} c_t T + c_v \ell^2 / T ,
+
+    attained at T = max(T_min, ℓ √(c_v/c_t)). Jensen's inequality gives the same for the discrete
+    cost, whose velocities are difference quotients.
+    """
+    steps = np.diff(waypoints, axis=1)
+    length = np.linalg.norm(steps, axis=2).sum(axis=1)
+    least = np.max(np.abs(steps) / robot.velocity_limit_rad_s, axis=2).sum(axis=1)
+    if cost.time == 0:
+        return np.zeros(len(length))
+    best = np.maximum(least, length * np.sqrt(cost.velocity / cost.time))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        kinetic = np.where(best > 0, cost.velocity * length**2 / best, 0.0)
+    return cost.time * best + kinetic
+
+
+def quintic_quadrature(points: int = 7) -> tuple[Array, Array, Array, Array]:
+    """Weights, s, s', s'' of the quintic rest-to-rest profile at Gauss–Legendre points."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    x = 0.5 * (nodes + 1.0)
+    s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+    first = 30.0 * x**2 * (1.0 - x) ** 2
+    second = 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
+    return 0.5 * weights, s, first, second
+
+
+@dataclass(frozen=True)
+class StraightLine:
+    """J(T) = alpha T + beta/T + gamma/T³ of straight joint-space quintics, at its best duration."""
+
+    cost: Array
+    duration_s: Array
+    alpha: Array
+    beta: Array
+    gamma: Array
+
+
+def straight_line(robot: Robot, cost: Cost, start: Array, goal: Array) -> StraightLine:
+    """Cost of the straight quintic motion between rows of start and goal (K, n), closed form in T.
+
+    Along q(s) = q₀ + sΔq the torque is u = (M Δq s'' + C(q, Δq)Δq s'²)/T² + g, so the three
+    integrals of |g|², of the cross term and of the inertia term are evaluated once, by inverse
+    dynamics at Gauss–Legendre points. Torque limits are ignored, speed limits are kept.
+    """
+    weights, s, first, second = quintic_quadrature()
+    delta = goal - start
+    alpha = np.full(len(delta), cost.time)
+    beta = cost.velocity * np.sum(delta * delta, axis=1) * float(weights @ first**2)
+    gamma = np.zeros(len(delta))
+    model, data = robot.model, robot.model.createData()
+    zero = np.zeros(robot.num_joints)
+    effort = cost.effort
+    for k, (q0, dq) in enumerate(zip(start, delta)):
+        for w, sk, d1, d2 in zip(weights, s, first, second):
+            q = q0 + sk * dq
+            gravity = pin.rnea(model, data, q, zero, zero)
+            inertial = pin.rnea(model, data, q, d1 * dq, d2 * dq) - gravity
+            alpha[k] += effort * w * gravity.dot(gravity)
+            beta[k] += 2.0 * effort * w * inertial.dot(gravity)
+            gamma[k] += effort * w * inertial.dot(inertial)
+    squared = (beta + np.sqrt(beta**2 + 12.0 * alpha * gamma)) / (2.0 * alpha)
+    least = np.max(np.abs(delta) / robot.velocity_limit_rad_s, axis=1) * 1.875
+    duration = np.maximum(np.maximum(np.sqrt(np.maximum(squared, 0.0)), least), 1e-3)
+    value = alpha * duration + beta / duration + gamma / duration**3
+    return StraightLine(value, duration, alpha, beta, gamma)
