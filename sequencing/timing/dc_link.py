@@ -19,6 +19,8 @@ The clip model is an ideal chopper. `simulate_hysteresis` switches a resistor on
 off at `chopper_off_v`, as drives do; results are reported with it, gradients use the clip model.
 """
 
+# mypy: disallow-untyped-defs=False
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -99,7 +101,7 @@ class LinkRun:
 
 
 @numba.njit(cache=True)
-def clip_kernel(drawn, low, high, start, grid, chopper, stored):  # type: ignore[no-untyped-def]
+def clip_kernel(drawn, low, high, start, grid, chopper, stored):
     """Fill grid, chopper (K,) and stored (K+1,) [J]; returns nothing."""
     w = start
     stored[0] = w
@@ -114,7 +116,7 @@ def clip_kernel(drawn, low, high, start, grid, chopper, stored):  # type: ignore
 
 
 @numba.njit(cache=True)
-def price_kernel(drawn, low, high, start, factor, price):  # type: ignore[no-untyped-def]
+def price_kernel(drawn, low, high, start, factor, price):
     """Fill price (K,) = dJ/d drawn and return J; one forward and one backward pass."""
     w = start
     bought = 0.0
@@ -142,7 +144,7 @@ def price_kernel(drawn, low, high, start, factor, price):  # type: ignore[no-unt
 
 
 @numba.njit(cache=True)
-def hysteresis_kernel(  # type: ignore[no-untyped-def]
+def hysteresis_kernel(
     drawn,
     dt,
     low,

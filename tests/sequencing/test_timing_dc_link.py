@@ -16,8 +16,8 @@ from sequencing.timing.dc_link import (
     simulate_hysteresis,
 )
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from naive.dc_link import circuit_energies, clip_loop
+sys.path.insert(0, str(Path(__file__).parents[1] / "naive"))
+from naive_dc_link import circuit_energies, clip_loop
 
 LINK = LinkParams()
 SMALL = LinkParams(capacitance_f=2e-4)
