@@ -15,7 +15,7 @@ from sequencing.gtsp.stop import EFFORTS, Callback, Incumbent, Stop
 
 __all__ = ["solve"]
 
-METHODS = ("auto", "held-karp", "ruin-recreate")
+METHODS = ("auto", "heuristic", "exact", "held-karp", "ruin-recreate")
 PROOF_TOLERANCE = 1e-7
 SMALL_TABLE_BYTES = 4 << 20  # Held–Karp takes milliseconds
 
@@ -54,7 +54,9 @@ def solve(
     generator = np.random.default_rng(seed)
     start = [n for n in map(form.lower, as_tours(initial)) if n is not None]
     nodes, cost = _heuristic(problem, form, limits, effort, generator, start, callback)
-    if method == "held-karp" or (method == "auto" and table_bytes(form) <= SMALL_TABLE_BYTES):
+    if method in ("exact", "held-karp") or (
+        method == "auto" and table_bytes(form) <= SMALL_TABLE_BYTES
+    ):
         exact, bound = held_karp(form, cost, limits.memory_bytes)
         if exact is None:
             return Tour((), math.inf, bound, True, "held-karp")
