@@ -1,0 +1,48 @@
+"""What `dmoc gtsp FILE` computes, as the object that `--json` prints."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+from sequencing.gtsp.gtsplib import read_gtsplib
+from sequencing.gtsp.portfolio import solve
+from sequencing.gtsp.stop import Callback
+
+__all__ = ["run_gtsp_file"]
+
+
+def run_gtsp_file(
+    path: str | Path,
+    seed: int = 0,
+    exact: bool = False,
+    effort: str = "normal",
+    callback: Callback | None = None,
+) -> dict[str, object]:
+    """Solve a `.gtsp` file: {cost, tour (1-based), lower_bound, proven, method, cpu_s}.
+
+    `cost` is None where no tour was found and `lower_bound` where nothing was proven. `cpu_s` is
+    process CPU time of the solve without loading kernels from the cache being subtracted.
+    Raises `InputError` for a bad file and `ProblemError` for an unknown effort.
+    """
+    problem = read_gtsplib(path)
+    begin = time.process_time()
+    method = "exact" if exact else "auto"
+    tour = solve(problem, seed=seed, method=method, effort=effort, callback=callback)
+    cpu_s = time.process_time() - begin
+    return {
+        "cost": _plain(tour.cost),
+        "tour": [v + 1 for v in tour.nodes],
+        "lower_bound": _plain(tour.lower_bound),
+        "proven": tour.proven,
+        "method": tour.method,
+        "cpu_s": round(cpu_s, 4),
+    }
+
+
+def _plain(value: float) -> int | float | None:
+    """A whole number as int, infinities as None (JSON has none)."""
+    if not math.isfinite(value):
+        return None
+    return int(value) if value == int(value) else value
