@@ -1,0 +1,49 @@
+"""Momenta, velocities and residuals of a knot sequence, outside of any solver.
+
+Everything here comes from `pinocchio`: the solver's own functions are not asked.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from dmoc.arrays import Array
+from dmoc.motion import MotionProblem
+from dmoc.robot import Robot
+
+__all__ = ["knot_velocities", "mass_matrices", "residuals"]
+
+
+def mass_matrices(robot: Robot, q: Array) -> Array:
+    """M(q) (K, n, n) [kg·m²], rotor armature included, for rows of q (K, n)."""
+    data = robot.model.createData()
+    upper = np.array([np.triu(pin.crba(robot.model, data, row)) for row in q])
+    return upper + np.triu(upper, 1).transpose(0, 2, 1)
+
+
+def residuals(problem: MotionProblem, q: Array, torque: Array, h: float) -> tuple[Array, Array]:
+    """r⁻, r⁺ (N, n) [N·m·s] of every interval (see `dmoc.discrete`), unscaled.
+
+    ∂L/∂q = C(q, v)ᵀ v − g(q), because Ṁ = C + Cᵀ for the Coriolis matrix of `pinocchio`.
+    """
+    robot = problem.robot
+    data = robot.model.createData()
+    middle, v = (q[1:] + q[:-1]) / 2, np.diff(q, axis=0) / h
+    p = np.einsum("kij,kj->ki", mass_matrices(robot, middle), v)
+    force = np.array(
+        [
+            pin.computeCoriolisMatrix(robot.model, data, a, b).T @ b
+            - pin.computeGeneralizedGravity(robot.model, data, a)
+            for a, b in zip(middle, v)
+        ]
+    )
+    push = h / 2 * (force + torque)
+    return push - p, push + p
+
+
+def knot_velocities(robot: Robot, q: Array, left: Array, right: Array) -> Array:
+    """q̇_k = M(q_k)⁻¹ p_k (N+1, n) [rad/s] by the discrete Legendre transforms."""
+    p = np.vstack([-left, right[-1:]])
+    p[1:-1] = (p[1:-1] + right[:-1]) / 2
+    return np.linalg.solve(mass_matrices(robot, q), p[..., None])[..., 0]
