@@ -1,0 +1,183 @@
+"""Find starts and overrides: gradient multi-start, particle swarm, and a polish between them.
+
+Without collisions the problem is smooth almost everywhere and L-BFGS-B from a few starts finds the
+optimum in tens of evaluations; if that schedule is free of collisions, no constrained one can be
+better found by the same search and it is returned. Otherwise the swarm (invisible walls: a
+collision is a forbidden point) looks on both sides of the barrier and a pattern search with
+shrinking steps walks its best point up to the barrier. The best allowed point of all wins, and the
+start given by the caller is always among the candidates: never worse than that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize as scipy_minimize
+
+from dmoc.swarm import SwarmParams, minimise
+from sequencing.timing.slack import SlackGraph, decode, decode_batch, pull_back
+from sequencing.timing.timeline import Timeline, cost_and_gradient, cost_batch
+
+__all__ = ["FreeCheck", "SearchParams", "TimingResult", "optimise_timing"]
+
+FreeCheck = Callable[[np.ndarray], np.ndarray]
+"""(P, 2, S) starts and overrides -> (P,) True where the schedule is free of collisions."""
+
+
+@dataclass(frozen=True)
+class SearchParams:
+    """What to spend. `method` auto uses the swarm only where the gradient's answer collides."""
+
+    method: str = "auto"  # auto | gradient | swarm
+    gradient_starts: int = 5
+    gradient_iterations: int = 60
+    swarm: SwarmParams = SwarmParams(particles=20, iterations=40)
+    polish_rounds: int = 24
+
+
+@dataclass(frozen=True, eq=False)
+class TimingResult:
+    """Best allowed point z (2, S), its start_s and override (S,), value [J] and evaluations.
+
+    `relaxed_j` is the best value found when collisions are ignored (not a proven bound); `source`
+    says which search found the point. `value_j` is inf if no allowed schedule was met.
+    """
+
+    z: np.ndarray
+    start_s: np.ndarray
+    override: np.ndarray
+    value_j: float
+    relaxed_j: float
+    evaluations: int
+    source: str
+
+
+def optimise_timing(
+    line: Timeline,
+    graph: SlackGraph,
+    seed: int,
+    free: FreeCheck | None = None,
+    params: SearchParams = SearchParams(),
+    start: np.ndarray | None = None,
+) -> TimingResult:
+    """Minimise the grid energy of `line` over the box of `graph`, keeping `free` schedules only.
+
+    `start` (k, 2, S) are points to begin from (as-fast-as-possible and stretched always are).
+    """
+    search = _Search(line, graph, free)
+    size = graph.duration_s.size
+    fast, stretched = np.zeros((2, size)), np.zeros((2, size))
+    stretched[0] = 1.0
+    seeds = [fast, stretched, *([] if start is None else list(np.asarray(start, dtype=float)))]
+    search.offer(np.array(seeds), "start")
+    active = np.concatenate([graph.free, graph.free + size])
+    if active.size == 0:
+        return search.result(np.inf)
+    rng = np.random.default_rng(seed)
+    relaxed = np.inf
+    if params.method in ("auto", "gradient"):
+        begin = [*seeds[1:], *rng.random((max(0, params.gradient_starts - 1), 2, size))]
+        for z in begin:
+            found, value = search.descend(z, active, params.gradient_iterations)
+            relaxed = min(relaxed, value)
+            search.offer(found[None], "gradient")
+    needs_swarm = params.method == "swarm" or (
+        params.method == "auto" and search.value > relaxed + 1e-9 * abs(relaxed)
+    )
+    if needs_swarm:
+        search.swarm(active, int(rng.integers(2**31)), params.swarm)
+    if needs_swarm or params.method == "swarm":
+        search.polish(active, params.polish_rounds, rng)
+    return search.result(relaxed)
+
+
+class _Search:
+    """Book-keeping of one search: the best allowed point and the count of evaluations."""
+
+    def __init__(self, line: Timeline, graph: SlackGraph, free: FreeCheck | None) -> None:
+        self.line, self.graph, self.free = line, graph, free
+        self.size = graph.duration_s.size
+        self.z = np.zeros((2, self.size))
+        self.value = np.inf
+        self.source = "none"
+        self.evaluations = 0
+
+    def values(self, z: np.ndarray) -> np.ndarray:
+        """J of points (P, 2, S), inf where they collide."""
+        timing = decode_batch(self.graph, z)
+        value = np.full(len(z), np.inf)
+        allowed = np.ones(len(z), dtype=bool) if self.free is None else self.free(timing)
+        if allowed.any():
+            chosen = timing[allowed]
+            value[allowed] = cost_batch(self.line, chosen[:, 0], chosen[:, 1])
+        self.evaluations += len(z)
+        return value
+
+    def offer(self, z: np.ndarray, source: str) -> None:
+        value = self.values(z)
+        k = int(np.argmin(value))
+        if value[k] < self.value:
+            self.z, self.value, self.source = z[k].copy(), float(value[k]), source
+
+    def descend(self, z: np.ndarray, active: np.ndarray, rounds: int) -> tuple[np.ndarray, float]:
+        """L-BFGS-B on the active variables, collisions ignored."""
+        point = z.copy()
+        flat = point.reshape(-1)
+
+        def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
+            flat[active] = x
+            timing = decode_batch(self.graph, point[None])[0]
+            value, by_start, by_override = cost_and_gradient(self.line, timing[0], timing[1])
+            grad = pull_back(self.graph, point, timing, np.array([by_start, by_override]))
+            self.evaluations += 1
+            return value, grad.reshape(-1)[active]
+
+        out = scipy_minimize(
+            objective, flat[active].copy(), jac=True, method="L-BFGS-B",
+            bounds=[(0.0, 1.0)] * active.size, options={"maxiter": rounds, "maxfun": 3 * rounds},
+        )  # fmt: skip
+        flat[active] = np.clip(out.x, 0.0, 1.0)
+        return point, float(out.fun)
+
+    def expand(self, x: np.ndarray, active: np.ndarray) -> np.ndarray:
+        """Points (P, active) as (P, 2, S), the inactive variables as in the best point."""
+        points = np.tile(self.z.reshape(-1), (len(x), 1))
+        points[:, active] = x
+        return points.reshape(-1, 2, self.size)
+
+    def swarm(self, active: np.ndarray, seed: int, params: SwarmParams) -> None:
+        given = [self.z.reshape(-1)[active]] if np.isfinite(self.value) else []
+        ones = np.zeros(2 * self.size)
+        ones[: self.size] = 1.0
+        found = minimise(
+            lambda x: self.values(self.expand(x, active)), np.zeros(active.size),
+            np.ones(active.size), seed, params, np.array([*given, ones[active]]),
+        )  # fmt: skip
+        if found.value < self.value:
+            self.z = self.expand(found.x[None], active)[0]
+            self.value, self.source = found.value, "swarm"
+
+    def polish(self, active: np.ndarray, rounds: int, rng: np.random.Generator) -> None:
+        """Pattern search with random rotations of the axes, steps halved when nothing helps."""
+        if not np.isfinite(self.value):
+            return
+        step = 0.1
+        for _ in range(rounds):
+            x = self.z.reshape(-1)[active]
+            axes = np.linalg.qr(rng.standard_normal((active.size, active.size)))[0]
+            moves = np.concatenate([np.eye(active.size), axes])
+            trial = np.clip(np.concatenate([x + step * moves, x - step * moves]), 0.0, 1.0)
+            before = self.value
+            self.offer(self.expand(trial, active), "polish")
+            if self.value >= before - 1e-9 * abs(before):
+                step *= 0.5
+            else:
+                step = min(0.5, 1.5 * step)
+
+    def result(self, relaxed: float) -> TimingResult:
+        start, override = decode(self.graph, self.z)
+        return TimingResult(
+            self.z, start, override, self.value, relaxed, self.evaluations, self.source
+        )
