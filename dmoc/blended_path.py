@@ -45,9 +45,7 @@ class BlendedPath:
     def evaluate(self, s: Array) -> tuple[Array, Array, Array]:
         """q, dq/ds and d²q/ds² (K, n) at s (K,), of the piece to the right at a break."""
         s = np.asarray(s, dtype=float)
-        piece = np.clip(
-            np.searchsorted(self.breaks, s, side="right") - 1, 0, len(self.breaks) - 2
-        )
+        piece = np.clip(np.searchsorted(self.breaks, s, side="right") - 1, 0, len(self.breaks) - 2)
         sigma = (s - self.breaks[piece])[:, None]
         c0, c1, c2 = self.c0[piece], self.c1[piece], self.c2[piece]
         return c0 + sigma * (c1 + sigma * c2), c1 + 2 * sigma * c2, 2 * c2

@@ -1,0 +1,44 @@
+r"""The paper's boxes: n ‖q⁺ − q‖_{w,∞} ≤ φ(q) − d_c.
+
+With w_j(q) = max_p ‖∂p/∂q_j‖₁ no point of the robot moves further than Σ_j w_j |Δq_j|, so a knot
+that stays in its box keeps the clearance d_c to first order. Between the knots the paper checks
+nothing; with sub-points, a knot's box is the smallest of its own and of those of the points in
+the two intervals beside it, because such a point moves by a convex combination of its two knots.
+
+Source: Björkenstam et al., section 2.4.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmoc.arrays import Array
+from dmoc.clearance import Clearance
+from dmoc.refinement.iterate import Points
+from dmoc.refinement.params import RefineParams
+from dmoc.refinement.points import View
+
+__all__ = ["box_half_widths"]
+
+# A point that is nearer than d_c may still use this share of what lies above the floor.
+_TIGHT_SHARE = 0.5
+
+
+def box_half_widths(
+    clearance: Clearance,
+    view: View,
+    points: Points,
+    required: Array,
+    fixed: Array,
+    params: RefineParams,
+) -> Array:
+    """Half-widths (N+1, n) [rad] of the boxes around the knots; 0 at fixed knots."""
+    weights = np.maximum(clearance.weights(view.q_rad), 1e-9)
+    spare = np.maximum(view.phi_m - required, _TIGHT_SHARE * (view.phi_m - params.floor_m))
+    width = np.maximum(spare, 0.0)[:, None] / (weights.shape[1] * weights)
+    half = np.full((len(fixed), weights.shape[1]), params.trust_most_rad)
+    np.minimum.at(half, points.interval, width)
+    inner = points.fraction > 0
+    np.minimum.at(half, points.interval[inner] + 1, width[inner])
+    half[fixed] = 0.0
+    return half

@@ -1,0 +1,55 @@
+"""The time-scaled seed path as a motion of last resort."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmoc.clearance import Clearance
+from dmoc.motion import Motion, MotionProblem
+from dmoc.parametrise import TimedPath, time_scale
+from dmoc.running_cost import trajectory_cost
+from dmoc.status import Status
+from dmoc.trajectory import JointPath
+
+__all__ = ["fallback_motion"]
+
+
+def fallback_motion(
+    problem: MotionProblem, path: JointPath, clearance: Clearance, *, note: str = ""
+) -> Motion | None:
+    """The time-scaled `path` if it is certified and within the limits, else None.
+
+    First with corners blended as far as the clearance lets them, then nearly at the corners. Its
+    cost is that of the inverse-dynamics torques along the interpolant. It holds no discrete
+    optimality or defect; `replay_error_rad` is the error of its interpolant against the path's
+    own dynamics and is left to `dmoc.replay_motion`.
+    """
+    tests = (
+        lambda q: clearance.phi(q) > 0.005,
+        lambda q: np.zeros(len(q), dtype=bool),
+    )
+    for is_free in tests:
+        timed = time_scale(path, problem, is_free=is_free)
+        motion = _certified(problem, timed, clearance, note)
+        if motion is not None:
+            return motion
+    return None
+
+
+def _certified(
+    problem: MotionProblem, timed: TimedPath, clearance: Clearance, note: str
+) -> Motion | None:
+    if not timed.within_limits:
+        return None
+    certificate = clearance.certify(timed.trajectory)
+    if not certificate.ok:
+        return None
+    return Motion(
+        status=Status.ACCEPTABLE,
+        source="fallback",
+        trajectory=timed.trajectory,
+        cost=trajectory_cost(timed.trajectory, problem.robot, problem.cost),
+        min_clearance_m=certificate.min_clearance_m,
+        certified=True,
+        note=f"time-scaled seed ({timed.law}); refinement: {note}" if note else "time-scaled seed",
+    )

@@ -1,0 +1,97 @@
+"""Settings of the refinement and what it tells while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from dmoc.arrays import Array
+from dmoc.nlp_types import IpoptParams
+
+__all__ = ["Method", "RefineParams", "RefineRecord", "Trace"]
+
+Method = Literal["halfspaces", "boxes", "none"]
+
+
+@dataclass(frozen=True)
+class RefineParams:
+    """Settings of `refine`.
+
+    Clearance: `clearance_m` is the paper's d_c, wanted at every checked point; an iterate is
+    accepted from `floor_m` on; pairs further than `cap_m` are not looked at; `push_out_m` is the
+    most that one outer iteration may demand from a point that violates.
+    Points: `fractions` λ of every interval are checked (only 0 is the paper's knot-only form);
+    `rows_per_point` half-spaces are kept at each.
+    Outer iterations: at most `max_outer`, until J changes by less than `stop_fraction`; trust
+    region `trust_rad` per knot, times `trust_growth` on acceptance, at most `trust_most_rad`.
+    On a violation the offending knots shrink to `shrink` times their step (neighbours to
+    `shrink_beside`), at most `max_backtracks` times an outer iteration.
+    Repair: up to `repair_rounds`, each with `repair_margin_m` more at the places that the
+    certificate named and a trust region of at least `repair_trust_rad`.
+    `loose` and `tight` are the solver's settings before and in the last solve.
+    """
+
+    clearance_m: float = 0.02
+    floor_m: float = 0.002
+    cap_m: float = 0.2
+    push_out_m: float = 0.03
+    fractions: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
+    rows_per_point: int = 8
+    max_outer: int = 40
+    stop_fraction: float = 0.003
+    trust_rad: float = 0.3
+    trust_growth: float = 1.6
+    trust_most_rad: float = 1.5
+    shrink: float = 0.35
+    shrink_beside: float = 0.6
+    max_backtracks: int = 6
+    repair_rounds: int = 6
+    repair_margin_m: float = 0.01
+    repair_trust_rad: float = 0.15
+    loose: IpoptParams = field(
+        default_factory=lambda: IpoptParams(tolerance=1e-5, acceptable_tolerance=1e-3)
+    )
+    tight: IpoptParams = field(default_factory=lambda: IpoptParams(tolerance=1e-8))
+
+    @classmethod
+    def screening(cls, **changes: Any) -> RefineParams:
+        """Settings that stop at 1 %, for edges that only have to be ranked."""
+        return replace(cls(stop_fraction=0.01), **changes)
+
+    @classmethod
+    def paper(cls, **changes: Any) -> RefineParams:
+        """The published form of the boxes: knots only, stop at 0.1 %, no repair."""
+        settings = cls(stop_fraction=1e-3, fractions=(0.0,), repair_rounds=0, max_outer=60)
+        return replace(settings, **changes)
+
+    def replace(self, **changes: Any) -> RefineParams:
+        """These settings with some fields changed."""
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True)
+class RefineRecord:
+    """One solve of the loop, for figures and tests.
+
+    `outer` counts accepted iterations so far; `q_rad` (N+1, n) is the candidate, `lower_rad` and
+    `upper_rad` its box; `rows` the number of half-spaces; `least_phi_m` the smallest distance at
+    the checked points; `backtracks` the shrinks so far in this outer iteration.
+    """
+
+    outer: int
+    accepted: bool
+    cost: float
+    step_s: float
+    q_rad: Array
+    velocity_rad_s: Array
+    lower_rad: Array
+    upper_rad: Array
+    rows: int
+    least_phi_m: float
+    backtracks: int
+    repair: int
+    solver_iterations: int
+
+
+Trace = Callable[[RefineRecord], None]

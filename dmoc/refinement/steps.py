@@ -1,0 +1,184 @@
+"""One outer iteration: linearise, solve, check exactly, shrink where it fails, solve again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from dmoc.arrays import Array
+from dmoc.clearance import Clearance
+from dmoc.motion import MotionProblem
+from dmoc.nlp import solve_nlp
+from dmoc.nlp_types import Box, IpoptParams, NlpSolution, PathRows
+from dmoc.refinement.boxes import box_half_widths
+from dmoc.refinement.halfspaces import half_spaces
+from dmoc.refinement.iterate import Iterate, Points, fixed_knots
+from dmoc.refinement.params import Method, RefineParams, RefineRecord, Trace
+from dmoc.refinement.points import View, knots_of, look
+from dmoc.status import Status
+
+__all__ = ["Stage", "Step", "take_step"]
+
+# An iterate that violates may come back this much nearer without being called worse.
+_SAME_M = 1e-4
+_SMALLEST_TRUST_RAD = 1e-4
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What stays the same over the outer iterations between two repairs."""
+
+    problem: MotionProblem
+    clearance: Clearance
+    method: Method
+    params: RefineParams
+    points: Points
+    required_m: Array
+    repair: int = 0
+    trace: Trace | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one outer iteration gave: the new iterate and its view, or the old ones."""
+
+    iterate: Iterate
+    view: View
+    trust_rad: Array
+    accepted: bool
+    solver_iterations: int
+    solution: NlpSolution
+
+
+def take_step(
+    stage: Stage,
+    iterate: Iterate,
+    view: View,
+    trust_rad: Array,
+    outer: int,
+    solver: IpoptParams,
+) -> Step:
+    """Solve inside the trust region around `iterate` until a candidate passes the exact check.
+
+    `trust_rad` (N+1,) scales the half-spaces' trust region [rad] or, for boxes, multiplies their
+    half-widths. A candidate passes when every checked point is above what its method demands, or,
+    where the present iterate is already below, not nearer than now.
+    """
+    problem, params = stage.problem, stage.params
+    fixed = fixed_knots(problem)
+    half = _half_widths(stage, view, fixed, trust_rad)
+    rows = _rows(stage, view, half, params.push_out_m)
+    guess, used = iterate.guess(), 0
+    scale = np.ones(len(fixed))
+    for backtrack in range(params.max_backtracks + 1):
+        box = _box(problem, iterate, half * scale[:, None])
+        solution = solve_nlp(problem, guess, box=box, rows=rows, params=solver)
+        used += solution.iterations
+        candidate = Iterate.of(solution)
+        usable = solution.status.ok and np.all(np.isfinite(candidate.q_rad))
+        if usable:
+            seen = look(stage.clearance, candidate, stage.points, params.cap_m)
+            bad = seen.phi_m < _threshold(stage, view)
+            accepted = not bad.any()
+            least = float(seen.phi_m.min(initial=params.cap_m))
+        else:
+            accepted, least = False, float("nan")
+        if stage.trace is not None:
+            stage.trace(
+                RefineRecord(
+                    outer,
+                    accepted,
+                    solution.cost,
+                    solution.step_s,
+                    candidate.q_rad,
+                    candidate.velocity_rad_s,
+                    box.q_lower_rad,
+                    box.q_upper_rad,
+                    0 if rows is None else len(rows.lower),
+                    least,
+                    backtrack,
+                    stage.repair,
+                    solution.iterations,
+                )
+            )
+        if accepted:
+            trust = trust_rad * scale
+            return Step(candidate, seen, _grown(stage, trust), True, used, solution)
+        if usable:
+            scale = _shrunk(stage, candidate, iterate, half, scale, bad)
+            guess = replace(guess, multipliers=None)
+        elif solution.status is Status.INFEASIBLE and backtrack == 0:
+            # Rows that pull against each other: only forbid getting nearer.
+            rows = _rows(stage, view, half, 0.0)
+            guess = replace(guess, multipliers=None)
+        else:
+            scale = scale * params.shrink
+            guess = replace(guess, multipliers=None)
+        if np.max(half * scale[:, None]) < _SMALLEST_TRUST_RAD:
+            break
+    return Step(iterate, view, trust_rad * scale, False, used, solution)
+
+
+def _half_widths(stage: Stage, view: View, fixed: npt.NDArray[np.bool_], trust_rad: Array) -> Array:
+    if stage.method == "boxes":
+        half = box_half_widths(
+            stage.clearance, view, stage.points, stage.required_m, fixed, stage.params
+        )
+        return half * trust_rad[:, None]
+    half = np.repeat(trust_rad[:, None], stage.problem.robot.num_joints, axis=1)
+    half[fixed] = 0.0
+    return half
+
+
+def _rows(stage: Stage, view: View, half: Array, push_out_m: float) -> PathRows | None:
+    if stage.method == "boxes":
+        return None
+    return half_spaces(view, stage.points, stage.required_m, half, stage.params, push_out_m)
+
+
+def _box(problem: MotionProblem, iterate: Iterate, half: Array) -> Box:
+    robot = problem.robot
+    return Box(
+        np.clip(iterate.q_rad - half, robot.q_lower_rad, robot.q_upper_rad),
+        np.clip(iterate.q_rad + half, robot.q_lower_rad, robot.q_upper_rad),
+    )
+
+
+def _threshold(stage: Stage, view: View) -> Array:
+    """What a candidate must keep at every point (P,)."""
+    floor = np.minimum(stage.params.floor_m, stage.required_m)
+    if stage.method == "boxes":
+        at_knot = stage.points.fraction == 0
+        floor = np.where(at_knot, stage.required_m - 1e-9, floor)
+    return np.minimum(floor, view.phi_m - _SAME_M)
+
+
+def _shrunk(
+    stage: Stage,
+    candidate: Iterate,
+    iterate: Iterate,
+    half: Array,
+    scale: Array,
+    bad: npt.NDArray[np.bool_],
+) -> Array:
+    """The scale of every knot's box after a violation at the points `bad`."""
+    params = stage.params
+    hit = knots_of(stage.points, bad, len(scale))
+    beside = (np.roll(hit, 1) | np.roll(hit, -1)) & ~hit
+    if stage.method == "boxes":
+        return np.where(hit, params.shrink * scale, np.where(beside, 0.6 * scale, scale))
+    step = np.max(np.abs(candidate.q_rad - iterate.q_rad), axis=1)
+    width = np.maximum(half.max(axis=1), 1e-12)
+    taken = np.minimum(step / width, scale)
+    out = np.where(hit, params.shrink * taken, scale)
+    return np.where(beside, params.shrink_beside * taken, out)
+
+
+def _grown(stage: Stage, trust: Array) -> Array:
+    params = stage.params
+    if stage.method == "boxes":
+        # The next boxes follow from the new distances; a backtracked knot recovers step by step.
+        return np.minimum(trust * params.trust_growth, 1.0)
+    return np.minimum(trust * params.trust_growth, params.trust_most_rad)
