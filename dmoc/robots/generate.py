@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmoc.robots import irb6640, ur10e
+from dmoc.robots import irb6640, ur3e, ur10e
 from dmoc.robots.spec import urdf_text
 
 __all__ = ["write_robots"]
@@ -20,6 +20,9 @@ def write_robots(folder: Path) -> tuple[Path, ...]:
         # The maker's flange frame: z leaves the flange along joint 6.
         "ur10e_class": urdf_text(
             "ur10e_class", ur10e.LINKS, ur10e.JOINTS, flange_rpy_rad=(np.pi / 2, 0.0, 0.0)
+        ),
+        "ur3e_class": urdf_text(
+            "ur3e_class", ur3e.LINKS, ur3e.JOINTS, flange_rpy_rad=(np.pi / 2, 0.0, 0.0)
         ),
     }
     written = []
