@@ -157,7 +157,10 @@ class _Loop:
         """The next stage, which also watches the places that the certificate named."""
         repair = stage.repair + 1
         if certificate is None or not certificate.failures:
-            return replace(stage, repair=repair)
+            # Nothing was near enough to be certified. Half-spaces may get out with a fresh trust
+            # region, once; boxes cannot.
+            retry = self.method == "halfspaces" and stage.repair == 0
+            return replace(stage, repair=repair) if retry else None
         fixed = fixed_knots(self.problem)
         places = [
             (f.interval, f.fraction)

@@ -1,0 +1,71 @@
+r"""Knots on the departure lines: how a motion leaves one weld and reaches the next.
+
+The first m interior knots lie on the line of the weld that is left, at the fractions (k/m)² of
+its length for k = 1..m, as a constant acceleration along the line would have them; the last m
+likewise on the line of the weld that is reached. The grid may be refined without changing the
+motion that is asked for: doubling N doubles m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dmoc.arrays import Array
+from dmoc.motion import MotionProblem
+
+__all__ = [
+    "LineFunction",
+    "departure_fractions",
+    "line_through",
+    "num_line_knots",
+    "with_departure",
+]
+
+LineFunction = Callable[[float], Array]
+"""Joint vector (n,) at a fraction of the departure line: 0 at the weld, 1 at the line's end."""
+
+INTERVALS_PER_LINE_KNOT = 20
+
+
+def num_line_knots(num_intervals: int) -> int:
+    """m for a grid of N intervals: one knot for every twenty intervals, at least one."""
+    return max(1, round(num_intervals / INTERVALS_PER_LINE_KNOT))
+
+
+def departure_fractions(num_knots: int) -> Array:
+    """(k/m)² for k = 1..m."""
+    return (np.arange(1, num_knots + 1) / num_knots) ** 2
+
+
+def line_through(samples_rad: Array) -> LineFunction:
+    """The line function of joint vectors (K, n) at equal distances along the line."""
+    samples = np.asarray(samples_rad, dtype=float)
+    places = np.linspace(0.0, 1.0, len(samples))
+
+    def at(fraction: float) -> Array:
+        return np.array([np.interp(fraction, places, column) for column in samples.T])
+
+    return at
+
+
+def with_departure(
+    problem: MotionProblem,
+    depart: LineFunction | None,
+    arrive: LineFunction | None,
+    num_intervals: int | None = None,
+    num_knots: int | None = None,
+) -> MotionProblem:
+    """`problem` on N intervals with its given knots on the two lines.
+
+    `depart` and `arrive` give the joint vector at a fraction of the line of the weld that is left
+    and of the weld that is reached; None means that end has no line.
+    """
+    num = problem.num_intervals if num_intervals is None else num_intervals
+    fractions = departure_fractions(num_line_knots(num) if num_knots is None else num_knots)
+    return problem.replace(
+        num_intervals=num,
+        depart_rad=None if depart is None else np.array([depart(f) for f in fractions]),
+        arrive_rad=None if arrive is None else np.array([arrive(f) for f in fractions[::-1]]),
+    )
