@@ -1,0 +1,217 @@
+"""Distance of two convex pieces, with a proof.
+
+Gilbert, Johnson, Keerthi (1988) on the difference A − B. Any direction v gives a separating
+plane, so  min_{w ∈ A−B} v·w / ‖v‖  is a lower bound of the distance whatever the iteration did,
+and the norm of any point of A − B an upper one. The iteration ends when the two agree; where it
+does not end so, the caller sees the gap and asks an engine.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from planning.jit import kernel
+from planning.kernels.simplex import INSIDE, nearest
+
+__all__ = ["FAR", "HIT", "OPEN", "SOLVED", "gjk", "outer_bound"]
+
+FAR = 0
+"""Proven farther than the threshold `above`; the distance is a lower bound only."""
+SOLVED = 1
+"""Lower and upper bound agree."""
+HIT = 2
+"""Proven nearer than `below` (cores may overlap); the distance is an upper bound only."""
+OPEN = 3
+"""The bounds did not meet: ask an engine."""
+
+MAX_ITERATIONS = 60
+GAP_M = 1e-10
+SCAN = 12
+
+
+@kernel
+def support(
+    info: Any, size: Any, verts: Any, near_start: Any, near: Any, p: int,
+    dx: float, dy: float, dz: float, hint: int,
+) -> tuple[float, float, float, int]:  # fmt: skip
+    """The point of core p farthest along d, both in the piece's frame; vertex found last."""
+    kind = info[p, 1]
+    if kind == 1:
+        return (
+            size[p, 0] if dx >= 0 else -size[p, 0],
+            size[p, 1] if dy >= 0 else -size[p, 1],
+            size[p, 2] if dz >= 0 else -size[p, 2],
+            0,
+        )
+    if kind == 3:
+        return 0.0, 0.0, 0.0, 0
+    if kind == 2:
+        across = np.sqrt(dx * dx + dy * dy)
+        z = size[p, 4] if dz >= 0 else -size[p, 4]
+        if across <= 0.0:
+            return 0.0, 0.0, z, 0
+        scale = size[p, 3] / across
+        return dx * scale, dy * scale, z, 0
+    first, count = info[p, 2], info[p, 3]
+    if count <= SCAN:
+        best, at = -1e300, first
+        for v in range(first, first + count):
+            value = verts[v, 0] * dx + verts[v, 1] * dy + verts[v, 2] * dz
+            if value > best:
+                best, at = value, v
+        return verts[at, 0], verts[at, 1], verts[at, 2], at
+    # Climb along the hull's edges: on a convex polytope a vertex without a better neighbour is
+    # the best one.
+    at = hint if first <= hint < first + count else first
+    best = verts[at, 0] * dx + verts[at, 1] * dy + verts[at, 2] * dz
+    climbing = True
+    while climbing:
+        climbing = False
+        here = at
+        for k in range(near_start[here], near_start[here + 1]):
+            v = near[k]
+            value = verts[v, 0] * dx + verts[v, 1] * dy + verts[v, 2] * dz
+            if value > best:
+                best, at = value, v
+                climbing = True
+    return verts[at, 0], verts[at, 1], verts[at, 2], at
+
+
+@kernel
+def outer_bound(pose: Any, size: Any, a: int, b: int) -> float:
+    """A lower bound of the distance from balls and boxes around the pieces [m]."""
+    dx = pose[b, 12] - pose[a, 12]
+    dy = pose[b, 13] - pose[a, 13]
+    dz = pose[b, 14] - pose[a, 14]
+    bound = np.sqrt(dx * dx + dy * dy + dz * dz) - size[a, 12] - size[b, 12]
+    other = _ball_box(pose, size, a, dx, dy, dz) - size[b, 12]
+    bound = max(bound, other)
+    other = _ball_box(pose, size, b, -dx, -dy, -dz) - size[a, 12]
+    return max(bound, other)
+
+
+@kernel
+def _ball_box(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> float:
+    """Distance of the point centre + d to the box around piece p."""
+    total = 0.0
+    for k in range(3):
+        x = abs(pose[p, k] * dx + pose[p, 3 + k] * dy + pose[p, 6 + k] * dz) - size[p, 9 + k]
+        if x > 0.0:
+            total += x * x
+    return np.sqrt(total)
+
+
+@kernel
+def gjk(
+    info: Any, size: Any, verts: Any, near_start: Any, near: Any, pose: Any, a: int, b: int,
+    axis: Any, above: float, below: float, s: Any, out: Any,
+) -> int:  # fmt: skip
+    """Distance of pieces a and b [m], decided no further than `above` and `below`.
+
+    `axis` (3,) is the direction to start with (from b to a; zero: from the centres) and the last
+    one on return; `s` (4, 15) is workspace; `out` (8,) gets the distance, the nearest points of
+    a (3) and b (3) in the world, and the lower bound. The unit normal from a to b is −axis.
+    """
+    margin_a, margin_b = size[a, 5], size[b, 5]
+    margin = margin_a + margin_b
+    vx, vy, vz = axis[0], axis[1], axis[2]
+    if vx * vx + vy * vy + vz * vz < 1e-24:
+        vx = pose[a, 12] - pose[b, 12]
+        vy = pose[a, 13] - pose[b, 13]
+        vz = pose[a, 14] - pose[b, 14]
+        if vx * vx + vy * vy + vz * vz < 1e-24:
+            vx, vy, vz = 1.0, 0.0, 0.0
+    lam, weight = s[0, 9:13], s[1, 9:13]
+    count = 0
+    hint_a = hint_b = -1
+    lower, upper = -1e300, 1e300
+    status = OPEN
+    for _ in range(MAX_ITERATIONS):
+        norm = np.sqrt(vx * vx + vy * vy + vz * vz)
+        if norm < 1e-12:
+            # The cores touch: nothing is left to converge.
+            upper = min(upper, norm - margin)
+            status = HIT
+            break
+        # Support of A along −v and of B along +v, in the pieces' own frames.
+        ax, ay, az, hint_a = support(
+            info, size, verts, near_start, near, a,
+            -(pose[a, 0] * vx + pose[a, 3] * vy + pose[a, 6] * vz),
+            -(pose[a, 1] * vx + pose[a, 4] * vy + pose[a, 7] * vz),
+            -(pose[a, 2] * vx + pose[a, 5] * vy + pose[a, 8] * vz), hint_a,
+        )  # fmt: skip
+        bx, by, bz, hint_b = support(
+            info, size, verts, near_start, near, b,
+            pose[b, 0] * vx + pose[b, 3] * vy + pose[b, 6] * vz,
+            pose[b, 1] * vx + pose[b, 4] * vy + pose[b, 7] * vz,
+            pose[b, 2] * vx + pose[b, 5] * vy + pose[b, 8] * vz, hint_b,
+        )  # fmt: skip
+        pax = pose[a, 9] + pose[a, 0] * ax + pose[a, 1] * ay + pose[a, 2] * az
+        pay = pose[a, 10] + pose[a, 3] * ax + pose[a, 4] * ay + pose[a, 5] * az
+        paz = pose[a, 11] + pose[a, 6] * ax + pose[a, 7] * ay + pose[a, 8] * az
+        pbx = pose[b, 9] + pose[b, 0] * bx + pose[b, 1] * by + pose[b, 2] * bz
+        pby = pose[b, 10] + pose[b, 3] * bx + pose[b, 4] * by + pose[b, 5] * bz
+        pbz = pose[b, 11] + pose[b, 6] * bx + pose[b, 7] * by + pose[b, 8] * bz
+        wx, wy, wz = pax - pbx, pay - pby, paz - pbz
+        plane = (vx * wx + vy * wy + vz * wz) / norm - margin
+        if plane > lower:
+            lower = plane
+            axis[0], axis[1], axis[2] = vx / norm, vy / norm, vz / norm
+        if lower > above:
+            status = FAR
+            break
+        if count > 0 and upper - lower <= GAP_M:
+            status = SOLVED
+            break
+        repeated = False
+        for k in range(count):
+            if s[k, 0] == wx and s[k, 1] == wy and s[k, 2] == wz:
+                repeated = True
+        if repeated:
+            break
+        s[count, 0], s[count, 1], s[count, 2] = wx, wy, wz
+        s[count, 3], s[count, 4], s[count, 5] = pax, pay, paz
+        s[count, 6], s[count, 7], s[count, 8] = pbx, pby, pbz
+        found = nearest(s, count + 1, lam, weight)
+        if found == INSIDE:
+            upper = -margin
+            status = HIT
+            break
+        count = found
+        vx = vy = vz = 0.0
+        for k in range(count):
+            vx += lam[k] * s[k, 0]
+            vy += lam[k] * s[k, 1]
+            vz += lam[k] * s[k, 2]
+        now = np.sqrt(vx * vx + vy * vy + vz * vz) - margin
+        stalled = now >= upper
+        upper = min(upper, now)
+        if upper <= below:
+            status = HIT
+            break
+        if stalled:
+            break
+    if status == OPEN and count > 0 and upper - lower <= 1e3 * GAP_M:
+        status = SOLVED
+    out[0], out[7] = upper, lower
+    if status == FAR:
+        out[0] = lower
+        return status
+    for k in range(1, 7):
+        out[k] = 0.0
+    for k in range(count):
+        for c in range(3):
+            out[1 + c] += lam[k] * s[k, 3 + c]
+            out[4 + c] += lam[k] * s[k, 6 + c]
+    if status == SOLVED:
+        norm = upper + margin
+        for c in range(3):
+            # The axis from the points themselves, unless they nearly coincide; then witness
+            # points of the grown pieces.
+            if norm > 1e-9:
+                axis[c] = (out[1 + c] - out[4 + c]) / norm
+            out[1 + c] -= margin_a * axis[c]
+            out[4 + c] += margin_b * axis[c]
+    return status

@@ -1,0 +1,286 @@
+"""Queries over a whole scene: which pairs are near, the smallest distance, touching or not.
+
+`chain`, `solids`, `pairs` are those of `planning.packed`. `pose` (P, 15) is workspace with the
+poses of the standing pieces filled in; `moving` pieces come first. `tip` holds the joint and
+position (4,) of the tool tip, `lines` (L, 8) start, direction, length and stray of departure
+lines, `exempt` (L, M) the pairs that a tip inside the tube of a line may ignore.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from planning.jit import kernel
+from planning.kernels.gjk import FAR, SOLVED, gjk, outer_bound
+from planning.kernels.kinematics import (
+    joint_poses,
+    place_pieces,
+    point_gradient,
+    reach_of_piece,
+    weight_of_piece,
+)
+
+__all__ = ["first_contacts", "near_pairs", "reach_batch", "smallest_distances", "tube_stray"]
+
+
+@kernel
+def tip_position(joints: Any, tip: Any) -> tuple[float, float, float]:
+    """The tool tip in the world."""
+    j = int(tip[0])
+    x, y, z = tip[1], tip[2], tip[3]
+    return (
+        joints[j, 9] + joints[j, 0] * x + joints[j, 1] * y + joints[j, 2] * z,
+        joints[j, 10] + joints[j, 3] * x + joints[j, 4] * y + joints[j, 5] * z,
+        joints[j, 11] + joints[j, 6] * x + joints[j, 7] * y + joints[j, 8] * z,
+    )
+
+
+@kernel
+def tube_stray(x: float, y: float, z: float, line: Any) -> float:
+    """Distance of a point to the segment of a departure line [m]."""
+    px, py, pz = x - line[0], y - line[1], z - line[2]
+    along = px * line[3] + py * line[4] + pz * line[5]
+    along = min(line[6], max(0.0, along))
+    dx, dy, dz = px - along * line[3], py - along * line[4], pz - along * line[5]
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel
+def inside_tubes(joints: Any, tip: Any, lines: Any, inside: Any) -> None:
+    """inside[l]: whether the tip lies in the tube of line l."""
+    if lines.shape[0] == 0:
+        return
+    x, y, z = tip_position(joints, tip)
+    for k in range(lines.shape[0]):
+        inside[k] = tube_stray(x, y, z, lines[k]) <= lines[k, 7]
+
+
+@kernel
+def skipped(exempt: Any, inside: Any, m: int) -> bool:
+    """Whether pair m is ignored by one of the tubes that the tip is in."""
+    for k in range(exempt.shape[0]):
+        if inside[k] and exempt[k, m]:
+            return True
+    return False
+
+
+@kernel
+def first_contacts(
+    chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, inflation: float,
+    tip: Any, lines: Any, exempt: Any, first: Any,
+) -> None:  # fmt: skip
+    """first[k] = index of a pair not proven farther than `inflation` at q[k], or −1.
+
+    NaN in q counts as contact (pair 0). A pair that touches is looked for first in the next
+    configuration, which changes only which of several is named.
+    """
+    joints = np.empty((chain.info.shape[0], 15))
+    s, out, axis = np.empty((4, 15)), np.empty(8), np.empty(3)
+    inside = np.zeros(lines.shape[0], dtype=np.bool_)
+    count = pairs.piece.shape[0]
+    for k in range(q.shape[0]):
+        first[k] = -1
+        bad = False
+        for j in range(q.shape[1]):
+            if not np.isfinite(q[k, j]):
+                bad = True
+        if bad:
+            first[k] = 0
+            continue
+        joint_poses(chain.info, chain.frame, q[k], joints)
+        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+        inside_tubes(joints, tip, lines, inside)
+        for m in range(count):
+            a, b = pairs.piece[m, 0], pairs.piece[m, 1]
+            limit = inflation + pairs.extra[m]
+            if outer_bound(pose, solids.size, a, b) > limit:
+                continue
+            if skipped(exempt, inside, m):
+                continue
+            axis[0] = axis[1] = axis[2] = 0.0
+            status = gjk(
+                solids.info, solids.size, solids.verts, solids.near_start, solids.near, pose,
+                a, b, axis, limit, limit, s, out,
+            )  # fmt: skip
+            if status != FAR and out[7] <= limit:
+                first[k] = m
+                break
+
+
+@kernel
+def smallest_distances(
+    chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
+    tip: Any, lines: Any, exempt: Any, phi: Any, nearest: Any, deep: Any,
+) -> None:  # fmt: skip
+    """phi[k] = min(cap, smallest distance at q[k]), nearest[k] its pair (−1: none below cap).
+
+    deep[k] is set where some pair overlaps or is undecided: there phi is only an upper bound and
+    an engine has to measure.
+    """
+    joints = np.empty((chain.info.shape[0], 15))
+    s, out = np.empty((4, 15)), np.empty(8)
+    count = pairs.piece.shape[0]
+    axes, bound, order = np.zeros((count, 3)), np.empty(count), np.empty(count, dtype=np.int64)
+    inside = np.zeros(lines.shape[0], dtype=np.bool_)
+    for k in range(q.shape[0]):
+        joint_poses(chain.info, chain.frame, q[k], joints)
+        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+        inside_tubes(joints, tip, lines, inside)
+        phi[k], nearest[k], deep[k] = cap, -1, False
+        found = 0
+        for m in range(count):
+            lowest = outer_bound(pose, solids.size, pairs.piece[m, 0], pairs.piece[m, 1])
+            lowest -= pairs.extra[m]
+            if lowest >= cap or skipped(exempt, inside, m):
+                continue
+            # Insertion by bound: the nearest pair first makes the others stop early.
+            at = found
+            while at > 0 and bound[at - 1] > lowest:
+                bound[at], order[at] = bound[at - 1], order[at - 1]
+                at -= 1
+            bound[at], order[at] = lowest, m
+            found += 1
+        for i in range(found):
+            if bound[i] >= phi[k]:
+                break
+            m = order[i]
+            extra = pairs.extra[m]
+            status = gjk(
+                solids.info, solids.size, solids.verts, solids.near_start, solids.near, pose,
+                pairs.piece[m, 0], pairs.piece[m, 1], axes[m], phi[k] + extra, -1e300, s, out,
+            )  # fmt: skip
+            if status == FAR:
+                continue
+            if status != SOLVED:
+                deep[k] = True
+            if out[0] - extra < phi[k]:
+                phi[k], nearest[k] = out[0] - extra, m
+
+
+@kernel
+def near_pairs(
+    chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
+    tip: Any, lines: Any, exempt: Any, index: Any, values: Any,
+) -> int:  # fmt: skip
+    """All pairs nearer than `cap` at the configurations q (K, n), with gradients.
+
+    Row r: `index[r]` = configuration, pair, status; `values[r]` = distance, nearest points (3, 3),
+    normal from a to b (3), gradient n·(∂b/∂q − ∂a/∂q) (n,). Returns the number of rows there are;
+    rows beyond the room given are only counted.
+    """
+    joints = np.empty((chain.info.shape[0], 15))
+    s, out = np.empty((4, 15)), np.empty(8)
+    count = pairs.piece.shape[0]
+    axes = np.zeros((count, 3))
+    inside = np.zeros(lines.shape[0], dtype=np.bool_)
+    rows = 0
+    for k in range(q.shape[0]):
+        joint_poses(chain.info, chain.frame, q[k], joints)
+        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+        inside_tubes(joints, tip, lines, inside)
+        for m in range(count):
+            a, b = pairs.piece[m, 0], pairs.piece[m, 1]
+            limit = cap + pairs.extra[m]
+            if outer_bound(pose, solids.size, a, b) >= limit or skipped(exempt, inside, m):
+                continue
+            status = gjk(
+                solids.info, solids.size, solids.verts, solids.near_start, solids.near, pose,
+                a, b, axes[m], limit, -1e300, s, out,
+            )  # fmt: skip
+            if status == FAR:
+                continue
+            if rows < index.shape[0]:
+                index[rows, 0], index[rows, 1], index[rows, 2] = k, m, status
+                values[rows, 0] = out[0] - pairs.extra[m]
+                for c in range(6):
+                    values[rows, 1 + c] = out[1 + c]
+                for c in range(3):
+                    values[rows, 7 + c] = -axes[m, c]
+                contact_gradient(chain, joints, solids.info[a, 0], solids.info[b, 0], values[rows])
+            rows += 1
+    return rows
+
+
+@kernel
+def contact_gradient(chain: Any, joints: Any, joint_a: int, joint_b: int, row: Any) -> None:
+    """Gradient of a distance row from its points and normal, into `row[10:]`."""
+    for j in range(10, row.shape[0]):
+        row[j] = 0.0
+    nx, ny, nz = row[7], row[8], row[9]
+    point_gradient(
+        joints, chain.info, chain.above, joint_b, row[4], row[5], row[6], nx, ny, nz, 1.0, row[10:]
+    )
+    point_gradient(
+        joints, chain.info, chain.above, joint_a, row[1], row[2], row[3], nx, ny, nz, -1.0,
+        row[10:],
+    )  # fmt: skip
+
+
+@kernel
+def engine_rows(chain: Any, solids: Any, pairs: Any, q: Any, index: Any, values: Any) -> None:
+    """Gradients of rows whose distance, points and normal an engine has measured."""
+    joints = np.empty((chain.info.shape[0], 15))
+    for r in range(index.shape[0]):
+        joint_poses(chain.info, chain.frame, q[index[r, 0]], joints)
+        a, b = pairs.piece[index[r, 1], 0], pairs.piece[index[r, 1], 1]
+        contact_gradient(chain, joints, solids.info[a, 0], solids.info[b, 0], values[r])
+
+
+@kernel
+def reach_batch(
+    chain: Any, solids: Any, pose: Any, moving: int, q: Any, reach: Any, weight: Any
+) -> None:
+    """R_j(q) and w_j(q) (K, n): maxima over all moving pieces."""
+    joints = np.empty((chain.info.shape[0], 15))
+    one = np.empty(q.shape[1])
+    for k in range(q.shape[0]):
+        joint_poses(chain.info, chain.frame, q[k], joints)
+        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+        reach[k] = 0.0
+        weight[k] = 0.0
+        for p in range(moving):
+            joint = solids.info[p, 0]
+            reach_of_piece(joints, chain.info, chain.above, joint, pose, solids.size, p, one)
+            for j in range(q.shape[1]):
+                reach[k, j] = max(reach[k, j], one[j])
+            weight_of_piece(joints, chain.info, chain.above, joint, pose, solids.size, p, weight[k])
+
+
+@kernel
+def poses_at(chain: Any, solids: Any, pose: Any, moving: int, q: Any) -> None:
+    """Poses of all pieces at one q (n,) into `pose`."""
+    joints = np.empty((chain.info.shape[0], 15))
+    joint_poses(chain.info, chain.frame, q, joints)
+    place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+
+
+@kernel
+def tips_at(chain: Any, tip: Any, q: Any, out: Any) -> None:
+    """Tip positions (K, 3) at rows of q."""
+    joints = np.empty((chain.info.shape[0], 15))
+    for k in range(q.shape[0]):
+        joint_poses(chain.info, chain.frame, q[k], joints)
+        out[k, 0], out[k, 1], out[k, 2] = tip_position(joints, tip)
+
+
+@kernel
+def candidate_pairs(
+    chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
+    tip: Any, lines: Any, exempt: Any, chosen: Any,
+) -> int:  # fmt: skip
+    """Pairs at one q (n,) whose balls and boxes come nearer than `cap`; leaves the poses behind."""
+    joints = np.empty((chain.info.shape[0], 15))
+    inside = np.zeros(lines.shape[0], dtype=np.bool_)
+    joint_poses(chain.info, chain.frame, q, joints)
+    place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+    inside_tubes(joints, tip, lines, inside)
+    count = 0
+    for m in range(pairs.piece.shape[0]):
+        bound = outer_bound(pose, solids.size, pairs.piece[m, 0], pairs.piece[m, 1])
+        if bound >= cap + pairs.extra[m] or skipped(exempt, inside, m):
+            continue
+        chosen[count] = m
+        count += 1
+    return count

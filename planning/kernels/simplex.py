@@ -1,0 +1,157 @@
+"""The point of a simplex nearest to the origin: the inner step of GJK.
+
+Rows of `s` (4, 9) are w = a − b, a, b. The routines leave the rows that carry the nearest point,
+with their weights in `lam`, in front and return how many there are (5: the origin is inside).
+Regions of points, edges and faces as in C. Ericson, Real-Time Collision Detection (2005), 5.1.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from planning.jit import kernel
+
+__all__ = ["nearest"]
+
+INSIDE = 5
+
+
+@kernel
+def _dot(s: Any, i: int, k: int) -> float:
+    return s[i, 0] * s[k, 0] + s[i, 1] * s[k, 1] + s[i, 2] * s[k, 2]
+
+
+@kernel
+def _copy(s: Any, source: int, target: int) -> None:
+    if source != target:
+        for c in range(9):
+            s[target, c] = s[source, c]
+
+
+@kernel
+def _edge(s: Any, i: int, k: int, weight: Any) -> float:
+    """Weights of rows i, k at the point of edge ik nearest to the origin; its squared norm."""
+    ii, kk, ik = _dot(s, i, i), _dot(s, k, k), _dot(s, i, k)
+    length = ii - 2.0 * ik + kk
+    t = 0.0
+    if length > 0.0:
+        t = (ii - ik) / length
+    t = min(1.0, max(0.0, t))
+    weight[0], weight[1] = 1.0 - t, t
+    total = 0.0
+    for c in range(3):
+        x = (1.0 - t) * s[i, c] + t * s[k, c]
+        total += x * x
+    return total
+
+
+@kernel
+def _triangle(s: Any, i: int, k: int, m: int, weight: Any) -> float:
+    """Weights of rows i, k, m at the nearest point of the triangle; its squared norm."""
+    abx, aby, abz = s[k, 0] - s[i, 0], s[k, 1] - s[i, 1], s[k, 2] - s[i, 2]
+    acx, acy, acz = s[m, 0] - s[i, 0], s[m, 1] - s[i, 1], s[m, 2] - s[i, 2]
+    nx, ny, nz = aby * acz - abz * acy, abz * acx - abx * acz, abx * acy - aby * acx
+    nn = nx * nx + ny * ny + nz * nz
+    ab2 = abx * abx + aby * aby + abz * abz
+    ac2 = acx * acx + acy * acy + acz * acz
+    if nn > 1e-20 * ab2 * ac2:
+        # Barycentric weights of the origin's projection, from signed areas about the normal.
+        u = _signed_area(s, k, m, nx, ny, nz) / nn
+        v = _signed_area(s, m, i, nx, ny, nz) / nn
+        w = 1.0 - u - v
+        if u >= 0.0 and v >= 0.0 and w >= 0.0:
+            weight[0], weight[1], weight[2] = u, v, w
+            total = 0.0
+            for c in range(3):
+                x = u * s[i, c] + v * s[k, c] + w * s[m, c]
+                total += x * x
+            return total
+    # Outside (or a sliver): the nearest point lies on an edge.
+    best = _edge(s, i, k, weight)
+    b0, b1, b2 = weight[0], weight[1], 0.0
+    other = _edge(s, k, m, weight)
+    if other < best:
+        best, b0, b1, b2 = other, 0.0, weight[0], weight[1]
+    other = _edge(s, i, m, weight)
+    if other < best:
+        best, b0, b1, b2 = other, weight[0], 0.0, weight[1]
+    weight[0], weight[1], weight[2] = b0, b1, b2
+    return best
+
+
+@kernel
+def _signed_area(s: Any, i: int, k: int, nx: float, ny: float, nz: float) -> float:
+    """(w_i × w_k) · n."""
+    return (
+        (s[i, 1] * s[k, 2] - s[i, 2] * s[k, 1]) * nx
+        + (s[i, 2] * s[k, 0] - s[i, 0] * s[k, 2]) * ny
+        + (s[i, 0] * s[k, 1] - s[i, 1] * s[k, 0]) * nz
+    )
+
+
+@kernel
+def _volume(s: Any, i: int, k: int, m: int) -> float:
+    """w_i · (w_k × w_m)."""
+    return (
+        s[i, 0] * (s[k, 1] * s[m, 2] - s[k, 2] * s[m, 1])
+        + s[i, 1] * (s[k, 2] * s[m, 0] - s[k, 0] * s[m, 2])
+        + s[i, 2] * (s[k, 0] * s[m, 1] - s[k, 1] * s[m, 0])
+    )
+
+
+@kernel
+def _tetrahedron(s: Any, lam: Any, weight: Any) -> bool:
+    """Weights of the four rows at the nearest point; True if the origin is inside."""
+    # Signed volumes of the four tetrahedra that the origin makes with the faces: all of the sign
+    # of the whole means inside.
+    v0 = _volume(s, 1, 2, 3)
+    v1 = -_volume(s, 0, 2, 3)
+    v2 = _volume(s, 0, 1, 3)
+    v3 = -_volume(s, 0, 1, 2)
+    whole = v0 + v1 + v2 + v3
+    flat = abs(whole) <= 1e-14 * (abs(v0) + abs(v1) + abs(v2) + abs(v3))
+    if not flat and v0 * whole > 0 and v1 * whole > 0 and v2 * whole > 0 and v3 * whole > 0:
+        return True
+    best = 1e300
+    if flat or v0 * whole <= 0:
+        best = _triangle(s, 1, 2, 3, weight)
+        lam[0], lam[1], lam[2], lam[3] = 0.0, weight[0], weight[1], weight[2]
+    if flat or v1 * whole <= 0:
+        other = _triangle(s, 0, 2, 3, weight)
+        if other < best:
+            best = other
+            lam[0], lam[1], lam[2], lam[3] = weight[0], 0.0, weight[1], weight[2]
+    if flat or v2 * whole <= 0:
+        other = _triangle(s, 0, 1, 3, weight)
+        if other < best:
+            best = other
+            lam[0], lam[1], lam[2], lam[3] = weight[0], weight[1], 0.0, weight[2]
+    if flat or v3 * whole <= 0:
+        other = _triangle(s, 0, 1, 2, weight)
+        if other < best:
+            best = other
+            lam[0], lam[1], lam[2], lam[3] = weight[0], weight[1], weight[2], 0.0
+    return False
+
+
+@kernel
+def nearest(s: Any, count: int, lam: Any, weight: Any) -> int:
+    """Reduce `count` rows of `s` to those that carry the point nearest to the origin."""
+    if count == 1:
+        lam[0] = 1.0
+        return 1
+    if count == 2:
+        _edge(s, 0, 1, weight)
+        lam[0], lam[1] = weight[0], weight[1]
+    elif count == 3:
+        _triangle(s, 0, 1, 2, weight)
+        lam[0], lam[1], lam[2] = weight[0], weight[1], weight[2]
+    elif _tetrahedron(s, lam, weight):
+        return INSIDE
+    kept = 0
+    for i in range(count):
+        if lam[i] > 0.0:
+            _copy(s, i, kept)
+            lam[kept] = lam[i]
+            kept += 1
+    return kept

@@ -1,0 +1,154 @@
+"""A station's geometry as plain arrays for the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from dmoc.arrays import Array
+from dmoc.errors import Fault, RobotError
+from planning.pieces import Piece
+
+__all__ = ["Chain", "Pairs", "Solids", "pack_chain", "pack_pairs", "pack_solids"]
+
+Ints = npt.NDArray[np.int64]
+
+KINDS = {"convex": 0, "box": 1, "cylinder": 2, "sphere": 3}
+
+
+class Chain(NamedTuple):
+    """Joints: `info` (J, 2) parent and type (0 revolute, 1 prismatic); `frame` (J, 15) rotation
+    and position in the parent (row-major) and axis; `above` (J, J) whether joint k moves joint j.
+    Joint 0 is the world; q has one entry per other joint.
+    """
+
+    info: Ints
+    frame: Array
+    above: npt.NDArray[np.bool_]
+
+
+class Solids(NamedTuple):
+    """Pieces, moving ones first. `info` (P, 4): joint, kind, first vertex, vertex count;
+    `frame` (P, 12) T_joint_piece; `size` (P, 13): half lengths (3), radius, half length, margin,
+    box centre (3), box half (3), radius of a ball about the box centre; `verts` (V, 3);
+    the neighbours of vertex v are `near[near_start[v]:near_start[v + 1]]`.
+    """
+
+    info: Ints
+    frame: Array
+    size: Array
+    verts: Array
+    near_start: Ints
+    near: Ints
+
+
+class Pairs(NamedTuple):
+    """Piece pairs: `piece` (M, 2); `body` (M,) index of the body pair; `extra` (M,) clearance
+    subtracted from the pair's distance [m].
+    """
+
+    piece: Ints
+    body: Ints
+    extra: Array
+
+
+@dataclass(frozen=True)
+class _Joint:
+    kind: int
+    axis: Array
+
+
+def _joint(model: pin.Model, data: pin.Data, index: int) -> _Joint:
+    joint = model.joints[index]
+    if joint.nq != 1 or joint.nv != 1:
+        raise RobotError(
+            Fault("joint-type", field=model.names[index], value=joint.shortname(),
+                  legal="revolute with limits, or prismatic",
+                  fix="give a continuous joint limits and make it revolute; fix what floats")
+        )  # fmt: skip
+    column = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)[:, joint.idx_v]
+    if np.linalg.norm(column[3:]) > 0.5:
+        return _Joint(0, column[3:])
+    return _Joint(1, column[:3])
+
+
+def pack_chain(model: pin.Model) -> Chain:
+    """The joints of `model`. Errors: `RobotError` for a joint with more than one coordinate."""
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    count = model.njoints
+    info, frame = np.zeros((count, 2), dtype=np.int64), np.zeros((count, 15))
+    above = np.zeros((count, count), dtype=bool)
+    frame[0, :9] = np.eye(3).ravel()
+    for j in range(1, count):
+        joint = _joint(model, data, j)
+        parent = int(model.parents[j])
+        info[j] = parent, joint.kind
+        placement = model.jointPlacements[j]
+        frame[j] = np.concatenate([placement.rotation.ravel(), placement.translation, joint.axis])
+        above[j] = above[parent]
+        above[j, j] = True
+    return Chain(info, frame, above)
+
+
+def pack_solids(pieces: Sequence[Piece]) -> Solids:
+    """Pieces in the order given (moving ones first)."""
+    count = len(pieces)
+    info, frame = np.zeros((count, 4), dtype=np.int64), np.zeros((count, 12))
+    size = np.zeros((count, 13))
+    verts: list[Array] = [np.zeros((0, 3))]
+    near: list[int] = []
+    near_start = [0]
+    for p, piece in enumerate(pieces):
+        first = len(near_start) - 1
+        info[p] = piece.joint, KINDS[piece.kind], first, len(piece.vertices_m)
+        frame[p, :9], frame[p, 9:] = piece.pose[:3, :3].ravel(), piece.pose[:3, 3]
+        if piece.kind == "box":
+            size[p, :3] = np.array(piece.size_m) / 2
+        elif piece.kind == "cylinder":
+            size[p, 3:5] = piece.size_m[0], piece.size_m[1] / 2
+        elif piece.kind == "sphere":
+            size[p, 5] = piece.size_m[0]
+        size[p, 6:9], size[p, 9:12] = piece.box_centre_m, piece.box_half_m
+        size[p, 12] = piece.ball_radius_m
+        verts.append(np.asarray(piece.vertices_m, dtype=float).reshape(-1, 3))
+        neighbours: list[set[int]] = [set() for _ in range(len(piece.vertices_m))]
+        for a, b, c in piece.faces:
+            neighbours[a] |= {b, c}
+            neighbours[b] |= {a, c}
+            neighbours[c] |= {a, b}
+        for around in neighbours:
+            near += [first + int(v) for v in sorted(around)]
+            near_start.append(len(near))
+    return Solids(
+        info, frame, size, np.ascontiguousarray(np.vstack(verts)),
+        np.array(near_start, dtype=np.int64), np.array([*near, 0], dtype=np.int64),
+    )  # fmt: skip
+
+
+def pack_pairs(
+    pieces: Sequence[Piece],
+    pairs: Sequence[tuple[str, str]],
+    extra_m: Mapping[tuple[str, str], float],
+) -> Pairs:
+    """All piece pairs of the body pairs, body pairs in order."""
+    of_body: dict[str, list[int]] = {}
+    for p, piece in enumerate(pieces):
+        of_body.setdefault(piece.body, []).append(p)
+    rows, body, extra = [], [], []
+    for index, (a, b) in enumerate(pairs):
+        margin = extra_m.get((a, b), extra_m.get((b, a), 0.0))
+        for i in of_body[a]:
+            for j in of_body[b]:
+                rows.append((i, j))
+                body.append(index)
+                extra.append(margin)
+    return Pairs(
+        np.array(rows, dtype=np.int64).reshape(-1, 2), np.array(body, dtype=np.int64),
+        np.array(extra, dtype=float),
+    )  # fmt: skip

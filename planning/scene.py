@@ -1,0 +1,228 @@
+"""The packed scene: bodies, pieces, pairs and workspace, and the raw queries on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dmoc.arrays import Array
+from dmoc.errors import Fault, InputError, ProblemError
+from dmoc.robot import Robot
+from planning.departure_line import DepartureLine
+from planning.engines.base import Engine, PairDistance
+from planning.engines.coal_engine import CoalEngine
+from planning.engines.fcl_engine import FclEngine
+from planning.kernels import scene as kernels
+from planning.kernels.gjk import SOLVED
+from planning.packed import pack_chain, pack_pairs, pack_solids
+from planning.pairs import checked_pairs
+from planning.pieces import Mounted, pieces_of
+from planning.robot_bodies import link_bodies, tool_mounts
+from planning.shapes import Body
+
+__all__ = ["ENGINES", "NearRows", "Scene", "Scope"]
+
+ENGINES = ("native", "coal", "fcl")
+
+
+class Scope(NamedTuple):
+    """Departure lines (L, 8) and the piece pairs (L, M) that each of them exempts."""
+
+    lines: Array
+    exempt: npt.NDArray[np.bool_]
+
+
+class NearRows(NamedTuple):
+    """Pairs nearer than a cap: `index` (R, 3) configuration, pair, status; `values` (R, 10 + n)
+    distance, nearest points (3 + 3), normal (3), gradient (n).
+    """
+
+    index: npt.NDArray[np.int64]
+    values: Array
+
+
+class Scene:
+    """Robot, tool and obstacles packed for the kernels. Holds workspace: one scene per thread."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        tool_bodies: tuple[Body, ...],
+        obstacles: tuple[Body, ...],
+        allowed_collisions: Sequence[tuple[str, str]],
+        pair_clearance_m: Mapping[tuple[str, str], float],
+        engine: str,
+    ) -> None:
+        if engine not in ENGINES:
+            raise InputError(
+                Fault("engine", field="engine", value=engine, legal=", ".join(ENGINES),
+                      fix="choose one of them")
+            )  # fmt: skip
+        links, tools = link_bodies(robot), tool_mounts(robot, tool_bodies)
+        standing = tuple(Mounted(body, 0, np.array(body.pose)) for body in obstacles)
+        allowed = [*robot.allowed_collisions, *allowed_collisions]
+        self.body_pairs = checked_pairs(robot.model, links, tools, standing, allowed)
+        mounts = [*links, *tools, *standing]
+        self.bodies = {m.body.name: m for m in mounts}
+        pieces = [piece for m in mounts for piece in pieces_of(m)]
+        pieces.sort(key=lambda piece: piece.joint == 0)  # stable: moving ones first
+        self.pieces = tuple(pieces)
+        self.moving = sum(piece.joint > 0 for piece in pieces)
+        self.chain, self.solids = pack_chain(robot.model), pack_solids(pieces)
+        self.pairs = pack_pairs(pieces, self.body_pairs, pair_clearance_m)
+        self.engine_name = engine
+        self.engine: Engine = FclEngine(pieces) if engine == "fcl" else CoalEngine(pieces)
+        self.touching = tuple(m.body.name for m in tools if m.body.touches)
+        frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+        tip = (frame.placement * robot.tool.tip).translation
+        self.tip = np.array([float(frame.parentJoint), *tip])
+        self.num_joints = robot.num_joints
+        self.pose = np.zeros((len(pieces), 15))
+        self.pose[:, :12] = self.solids.frame
+        centres = np.einsum(
+            "pij,pj->pi", self.solids.frame[:, :9].reshape(-1, 3, 3), self.solids.size[:, 6:9]
+        )
+        self.pose[:, 12:] = self.solids.frame[:, 9:12] + centres
+        self.everything = self.scope(())
+
+    def scope(self, lines: Sequence[DepartureLine]) -> Scope:
+        """What the given departure lines exempt. Errors: `InputError` for an unknown part."""
+        exempt = np.zeros((len(lines), len(self.pairs.body)), dtype=bool)
+        rows = np.zeros((len(lines), 8))
+        for k, line in enumerate(lines):
+            if line.part not in self.bodies:
+                raise InputError(
+                    Fault("departure-part", field="part", value=line.part,
+                          legal=", ".join(self.bodies), fix="name the body that carries the stud")
+                )  # fmt: skip
+            rows[k] = line.row
+            wanted = [
+                i for i, pair in enumerate(self.body_pairs)
+                if line.part in pair and any(name in pair for name in self.touching)
+            ]  # fmt: skip
+            exempt[k] = np.isin(self.pairs.body, wanted)
+        return Scope(rows, exempt)
+
+    def rows_of(self, q_rad: Array) -> Array:
+        """q as finite (K, n). Errors: `ProblemError`."""
+        q = np.ascontiguousarray(np.atleast_2d(q_rad), dtype=float)
+        if q.ndim != 2 or q.shape[1] != self.num_joints or not np.isfinite(q).all():
+            raise ProblemError(
+                Fault("configuration", field="q_rad", value=f"shape {q.shape}, or not finite",
+                      legal=f"(K, {self.num_joints}) finite angles", fix="check the caller")
+            )  # fmt: skip
+        return q
+
+    def first_contacts(self, q: Array, inflation_m: float, scope: Scope) -> npt.NDArray[np.int64]:
+        """Index of a piece pair that touches at each row of q (K, n), or −1."""
+        if self.engine_name != "native":
+            return self._engine_contacts(q, inflation_m, scope)
+        first = np.empty(len(q), dtype=np.int64)
+        kernels.first_contacts(
+            self.chain, self.solids, self.pairs, self.pose, self.moving, q, inflation_m,
+            self.tip, scope.lines, scope.exempt, first,
+        )  # fmt: skip
+        return first
+
+    def smallest(self, q: Array, cap_m: float, scope: Scope) -> tuple[Array, npt.NDArray[np.int64]]:
+        """Smallest distance (K,) capped at `cap_m` and its piece pair (K,), −1 for none."""
+        phi, pair = np.full(len(q), cap_m), np.full(len(q), -1)
+        deep = np.ones(len(q), dtype=bool)
+        if self.engine_name == "native":
+            kernels.smallest_distances(
+                self.chain, self.solids, self.pairs, self.pose, self.moving, q, cap_m,
+                self.tip, scope.lines, scope.exempt, phi, pair, deep,
+            )  # fmt: skip
+        if np.any(deep):
+            where = np.flatnonzero(deep)
+            near = self.near(q[where], cap_m, scope)
+            for (k, m, _), value in zip(near.index, near.values[:, 0]):
+                if pair[where[k]] < 0 or value < phi[where[k]]:
+                    phi[where[k]], pair[where[k]] = value, m
+        return phi, pair
+
+    def near(self, q: Array, cap_m: float, scope: Scope) -> NearRows:
+        """All piece pairs nearer than `cap_m`, with points, normals and gradients."""
+        if self.engine_name != "native":
+            return self._engine_near(q, cap_m, scope)
+        room = 64 * len(q) + 256
+        while True:
+            index = np.empty((room, 3), dtype=np.int64)
+            values = np.empty((room, 10 + self.num_joints))
+            count = kernels.near_pairs(
+                self.chain, self.solids, self.pairs, self.pose, self.moving, q, cap_m,
+                self.tip, scope.lines, scope.exempt, index, values,
+            )  # fmt: skip
+            if count <= room:
+                break
+            room = count
+        index, values = index[:count], values[:count]
+        unsolved = np.flatnonzero(index[:, 2] != SOLVED)
+        if len(unsolved):
+            # Overlapping cores have a depth that only an engine knows.
+            part, measured = index[unsolved], values[unsolved]
+            self._measure(q, part, measured)
+            values[unsolved] = measured
+        return NearRows(index, values)
+
+    def _measure(self, q: Array, index: npt.NDArray[np.int64], values: Array) -> None:
+        """Fill rows by the engine; rows of one configuration stand together."""
+        at = -1
+        for r, (k, m, _) in enumerate(index):
+            if k != at:
+                kernels.poses_at(self.chain, self.solids, self.pose, self.moving, q[k])
+                at = k
+            a, b = self.pairs.piece[m]
+            found = self.engine.distance(int(a), int(b), self.pose[a], self.pose[b])
+            values[r, 0] = found.distance_m - self.pairs.extra[m]
+            values[r, 1:4], values[r, 4:7], values[r, 7:10] = found[1:]
+        kernels.engine_rows(self.chain, self.solids, self.pairs, q, index, values)
+
+    def pair_distance(self, q: Array, piece_pair: int) -> PairDistance:
+        """One piece pair at one q (n,), measured by the engine."""
+        kernels.poses_at(self.chain, self.solids, self.pose, self.moving, q)
+        a, b = self.pairs.piece[piece_pair]
+        return self.engine.distance(int(a), int(b), self.pose[a], self.pose[b])
+
+    def _candidates(self, q: Array, cap_m: float, scope: Scope) -> npt.NDArray[np.int64]:
+        chosen = np.empty(len(self.pairs.body), dtype=np.int64)
+        count = kernels.candidate_pairs(
+            self.chain, self.solids, self.pairs, self.pose, self.moving, q, cap_m, self.tip,
+            scope.lines, scope.exempt, chosen,
+        )  # fmt: skip
+        return chosen[:count]
+
+    def _engine_near(self, q: Array, cap_m: float, scope: Scope) -> NearRows:
+        found = [
+            (k, m, SOLVED) for k in range(len(q)) for m in self._candidates(q[k], cap_m, scope)
+        ]
+        index = np.array(found, dtype=np.int64).reshape(-1, 3)
+        values = np.empty((len(index), 10 + self.num_joints))
+        self._measure(q, index, values)
+        keep = values[:, 0] < cap_m
+        return NearRows(index[keep], values[keep])
+
+    def _engine_contacts(self, q: Array, inflation_m: float, scope: Scope) -> npt.NDArray[np.int64]:
+        first = np.full(len(q), -1)
+        for k in range(len(q)):
+            for m in self._candidates(q[k], max(inflation_m, 0.0) + 1e-9, scope):
+                a, b = self.pairs.piece[m]
+                limit = inflation_m + self.pairs.extra[m]
+                if limit == 0.0:
+                    touches = self.engine.touches(int(a), int(b), self.pose[a], self.pose[b])
+                else:
+                    found = self.engine.distance(int(a), int(b), self.pose[a], self.pose[b])
+                    touches = found.distance_m <= limit
+                if touches:
+                    first[k] = m
+                    break
+        return first
+
+    def tips(self, q: Array) -> Array:
+        """Tool tip (K, 3) in the world."""
+        out = np.empty((len(q), 3))
+        kernels.tips_at(self.chain, self.tip, q, out)
+        return out

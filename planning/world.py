@@ -1,0 +1,153 @@
+"""The collision world of a station: what touches, and how far apart things are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from dmoc.arrays import Array
+from dmoc.robot import Robot
+from planning.departure_line import DepartureLine
+from planning.edge_clearance import EdgeClearance
+from planning.scene import Scene, Scope
+from planning.shapes import Body
+
+if TYPE_CHECKING:
+    from planning.station import Station
+
+__all__ = ["CollisionWorld", "world_for"]
+
+DEFAULT_CAP_M = 0.3
+
+
+class CollisionWorld:
+    """Robot links, tool and obstacles of a station, and the pairs that are checked.
+
+    Bodies are convex pieces that cover the real surface, so a body inside another one overlaps
+    it. `engine` is "native" (compiled GJK whose distances carry a separating plane as proof; coal
+    measures the depth of overlaps), "coal" or "fcl" (every near pair by that engine: the second
+    opinions). Holds workspace: use one world per thread or process.
+
+    `q_rad` is (n,) for one configuration and (K, n) for many; angles in rad, distances in m.
+    """
+
+    def __init__(self, station: Station, engine: str = "native") -> None:
+        self._fill(
+            station.robot, station.tool_bodies, station.obstacles, station.allowed_collisions,
+            station.clearance_m, {}, engine,
+        )  # fmt: skip
+
+    def _fill(
+        self,
+        robot: Robot,
+        tool_bodies: tuple[Body, ...],
+        obstacles: tuple[Body, ...],
+        allowed_collisions: Sequence[tuple[str, str]],
+        clearance_m: float,
+        pair_clearance_m: Mapping[tuple[str, str], float],
+        engine: str,
+    ) -> None:
+        self.robot = robot
+        self.clearance_m = float(clearance_m)
+        self.scene = Scene(
+            robot, tool_bodies, obstacles, allowed_collisions, pair_clearance_m, engine
+        )
+
+    @property
+    def engine(self) -> str:
+        """Name of the engine."""
+        return self.scene.engine_name
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Names of the body pairs that are checked."""
+        return self.scene.body_pairs
+
+    def pair_of(self, piece_pair: int) -> tuple[str, str]:
+        """Body names of a piece pair."""
+        return self.scene.body_pairs[int(self.scene.pairs.body[piece_pair])]
+
+    def collide(
+        self, q_rad: Array, inflation_m: float = 0.0, lines: Sequence[DepartureLine] = ()
+    ) -> tuple[str, str] | None:
+        """A pair of bodies nearer than `inflation_m` (touching counts), or None."""
+        q = self.scene.rows_of(q_rad)
+        hit = self.scene.first_contacts(q[:1], inflation_m, self._scope(lines))[0]
+        return None if hit < 0 else self.pair_of(hit)
+
+    def collide_batch(
+        self, q_rad: Array, inflation_m: float = 0.0, lines: Sequence[DepartureLine] = ()
+    ) -> npt.NDArray[np.bool_]:
+        """Whether each of K configurations collides (K,)."""
+        q = self.scene.rows_of(q_rad)
+        return self.scene.first_contacts(q, inflation_m, self._scope(lines)) >= 0
+
+    def collisions(
+        self, q_rad: Array, inflation_m: float = 0.0, lines: Sequence[DepartureLine] = ()
+    ) -> list[tuple[str, str]]:
+        """All body pairs nearer than `inflation_m` at one configuration."""
+        return [pair for pair, _ in self.distances(q_rad, inflation_m, lines)]
+
+    def distances(
+        self, q_rad: Array, cap_m: float = DEFAULT_CAP_M, lines: Sequence[DepartureLine] = ()
+    ) -> list[tuple[tuple[str, str], float]]:
+        """Body pairs not farther than `cap_m` at one q with their distances, nearest first."""
+        q = self.scene.rows_of(q_rad)[:1]
+        near = self.scene.near(q, np.nextafter(cap_m, np.inf), self._scope(lines))
+        best: dict[tuple[str, str], float] = {}
+        for (_, m, _), value in zip(near.index, near.values[:, 0]):
+            pair = self.pair_of(m)
+            best[pair] = min(best.get(pair, np.inf), float(value))
+        return sorted(best.items(), key=lambda item: item[1])
+
+    def distance(
+        self, q_rad: Array, cap_m: float = DEFAULT_CAP_M, lines: Sequence[DepartureLine] = ()
+    ) -> tuple[float, tuple[str, str] | None]:
+        """Smallest signed distance at one q, at most `cap_m`, and its pair (None at the cap)."""
+        q = self.scene.rows_of(q_rad)[:1]
+        phi, pair = self.scene.smallest(q, cap_m, self._scope(lines))
+        return float(phi[0]), None if pair[0] < 0 else self.pair_of(pair[0])
+
+    def tip_positions(self, q_rad: Array) -> Array:
+        """Tool tip (K, 3) [m] in the world."""
+        return self.scene.tips(self.scene.rows_of(q_rad))
+
+    def clearance(
+        self,
+        start_line: DepartureLine | None = None,
+        goal_line: DepartureLine | None = None,
+        tracking_error_m: float = 0.002,
+        cap_m: float = DEFAULT_CAP_M,
+    ) -> EdgeClearance:
+        """The `dmoc.clearance.Clearance` of a motion with these departure lines."""
+        lines = tuple(line for line in (start_line, goal_line) if line is not None)
+        return EdgeClearance(self, lines, tracking_error_m, cap_m)
+
+    def _scope(self, lines: Sequence[DepartureLine]) -> Scope:
+        return self.scene.scope(lines) if lines else self.scene.everything
+
+
+def world_for(
+    robot: Robot,
+    tool_bodies: tuple[Body, ...] = (),
+    obstacles: tuple[Body, ...] = (),
+    allowed_collisions: Sequence[tuple[str, str]] = (),
+    clearance_m: float = 0.02,
+    *,
+    pair_clearance_m: Mapping[tuple[str, str], float] | None = None,
+    engine: str = "native",
+) -> CollisionWorld:
+    """A collision world without a station file.
+
+    `pair_clearance_m` is subtracted from the distances of the named body pairs: what is nearer
+    counts as touching.
+    """
+    world = CollisionWorld.__new__(CollisionWorld)
+    world._fill(
+        robot, tool_bodies, obstacles, allowed_collisions, clearance_m, pair_clearance_m or {},
+        engine,
+    )  # fmt: skip
+    return world
