@@ -17,7 +17,7 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.cost import Cost
 from dmoc.motion import MotionProblem
-from dmoc.nlp_types import Box, Guess, IpoptParams, NlpSolution, PathRows
+from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, IpoptParams, NlpSolution, PathRows
 from dmoc.programme import Families, MotionProgramme, motion_programme
 from dmoc.state import knot_velocities, mass_matrices, residuals
 from dmoc.status import Status
@@ -63,7 +63,7 @@ def solve_nlp(
     *,
     box: Box | None = None,
     rows: PathRows | None = None,
-    params: IpoptParams = IpoptParams(),
+    params: IpoptParams = DEFAULT_PARAMS,
 ) -> NlpSolution:
     """The local optimum of `problem` next to `guess`, inside `box` and the half-spaces `rows`.
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from dmoc.arrays import Array
 from dmoc.status import Status
 
-__all__ = ["Box", "Guess", "IpoptParams", "NlpSolution", "PathRows"]
+__all__ = ["DEFAULT_PARAMS", "Box", "Guess", "IpoptParams", "NlpSolution", "PathRows"]
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,9 @@ class IpoptParams:
     acceptable_iterations: int = 4
     max_iterations: int = 300
     solver: str = "ipopt"
+
+
+DEFAULT_PARAMS = IpoptParams()
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ for the life of the process.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from dmoc.backend import Backend, StageSet
 from dmoc.cost import Cost
 from dmoc.drive import drive_from_mapping
 from dmoc.dynamics import ArmModel, arm_model
@@ -31,6 +31,7 @@ from dmoc.transcription import Block, Index, Layout, Programme, assemble
 __all__ = ["Families", "MotionProgramme", "arm_of", "motion_programme"]
 
 _ARMS: dict[str, ArmModel] = {}
+_STAGES: dict[tuple[Any, ...], StageSet] = {}
 _PROGRAMMES: dict[tuple[Any, ...], MotionProgramme] = {}
 
 
@@ -69,19 +70,18 @@ def arm_of(robot: Robot) -> ArmModel:
 
 
 def motion_programme(problem: MotionProblem, families: Families) -> MotionProgramme:
-    """The programme for `problem` with `families` of rows, built once per process."""
+    """The programme for `problem` with `families` of rows, built once per process and backend."""
     robot = problem.robot
     kind = type(problem.cost).__name__
     drive = "" if kind == "Cost" else repr(sorted(robot.drive.items()))
-    key = (arm_of(robot).fingerprint, kind, drive, problem.num_intervals, families)
+    physics = (arm_of(robot).fingerprint, kind, drive)
+    if physics not in _STAGES:
+        _STAGES[physics] = StageSet((dynamics_stage(arm_of(robot), False), _cost_stage(problem)))
+    backend = _STAGES[physics].current()
+    key = (*physics, backend.name, problem.num_intervals, families)
     if key not in _PROGRAMMES:
-        _PROGRAMMES[key] = _build(problem, families, key)
+        _PROGRAMMES[key] = _build(problem, backend, families, key)
     return _PROGRAMMES[key]
-
-
-@lru_cache(maxsize=64)
-def _dynamics(arm: ArmModel) -> Stage:
-    return dynamics_stage(arm, with_wrench=False)
 
 
 def _cost_stage(problem: MotionProblem) -> Stage:
@@ -105,9 +105,11 @@ class _Counter:
         return index
 
 
-def _build(problem: MotionProblem, families: Families, key: tuple[Any, ...]) -> MotionProgramme:
-    arm = arm_of(problem.robot)
-    n, count = arm.num_joints, problem.num_intervals
+def _build(
+    problem: MotionProblem, backend: Backend, families: Families, key: tuple[Any, ...]
+) -> MotionProgramme:
+    n, count = problem.robot.num_joints, problem.num_intervals
+    dynamics, cost = backend.stages
     layout = Layout(count, n)
     params, rows = _Counter(), _Counter()
     scale, u_max = params.take("scale", n), params.take("u_max", n)
@@ -115,10 +117,9 @@ def _build(problem: MotionProblem, families: Families, key: tuple[Any, ...]) -> 
     pairs = np.hstack([momentum[:-1], momentum[1:]]).T
     intervals, torques, knots = layout.intervals(), layout.torques(), layout.knots()
     blocks = [
-        Block(_dynamics(arm), intervals, np.concatenate([scale, u_max]), pairs),
+        Block(dynamics, intervals, np.concatenate([scale, u_max]), pairs),
         Block(
-            _cost_stage(problem), intervals, np.concatenate([params.take("weights", 3), u_max]),
-            None,
+            cost, intervals, np.concatenate([params.take("weights", 3), u_max]), None,
         ),
         Block(
             smoothing_stage(n), np.hstack([torques[:-1], torques[1:]]).T,
@@ -128,9 +129,8 @@ def _build(problem: MotionProblem, families: Families, key: tuple[Any, ...]) -> 
     step = np.full((count, 1), layout.step)
     ends = np.hstack([knots[:-1], knots[1:], step])
     if families.velocity:
-        blocks.append(
-            Block(velocity_stage(n), ends.T, params.take("v_max", n), rows.take("velocity", count, n).T)
-        )  # fmt: skip
+        place = rows.take("velocity", count, n)
+        blocks.append(Block(velocity_stage(n), ends.T, params.take("v_max", n), place.T))
     if families.acceleration:
         a_max = params.take("a_max", n)
         inner = np.hstack([knots[:-2], knots[1:-1], knots[2:], step[1:]])

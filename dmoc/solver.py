@@ -7,7 +7,7 @@ import numpy as np
 from dmoc.guess import straight_guess
 from dmoc.motion import Motion, MotionProblem
 from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Guess, IpoptParams, NlpSolution
+from dmoc.nlp_types import DEFAULT_PARAMS, Guess, IpoptParams, NlpSolution
 from dmoc.trajectory import JointTrajectory
 
 __all__ = ["motion_from_solution", "solve"]
@@ -15,7 +15,7 @@ __all__ = ["motion_from_solution", "solve"]
 
 def solve(
     problem: MotionProblem,
-    params: IpoptParams = IpoptParams(),
+    params: IpoptParams = DEFAULT_PARAMS,
     guess: Guess | None = None,
     seed: int = 0,
 ) -> Motion:
