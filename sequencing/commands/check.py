@@ -1,0 +1,39 @@
+"""`dmoc check` and `dmoc init`: what a station file holds, and a first one to start from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from planning.check import check_station
+from planning.init_station import init_station
+from sequencing.commands.console import Console, Outcome, plain
+
+__all__ = ["run_check", "run_init"]
+
+
+def run_check(console: Console, station: str, out: Path | None) -> Outcome:
+    """Alternatives per stud, or the reasons why there are none; exit 3 if a stud has none."""
+    data = check_station(station)
+    studs = data["studs"]
+    console.show(f"{station}: {len(studs)} studs")
+    for row in studs:
+        reason = f"  {row['reason']}" if row["reason"] else ""
+        console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{reason}")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "check.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    missing = [row["id"] for row in studs if not row["alternatives"]]
+    if missing:
+        console.say("no alternative for " + ", ".join(missing))
+    return Outcome(data, 3 if missing else 0)
+
+
+def run_init(
+    console: Console, urdf: Path, part: Path, studs: Path, out: Path | None, unit: str
+) -> Outcome:
+    """Write station.yaml with its inputs copied beside it."""
+    folder = Path("station") if out is None else out
+    path = init_station(urdf, part, studs, folder, unit=unit)
+    console.show(f"wrote {path}; next: dmoc check {path}")
+    return Outcome({"station": str(path)})

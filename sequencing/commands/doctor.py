@@ -1,0 +1,63 @@
+"""`dmoc doctor`: versions, backends, and one small solve as a sign of life."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import time
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from sequencing.commands.console import Console, Outcome, plain
+
+__all__ = ["run_doctor"]
+
+PACKAGES = (
+    "dmoc", "casadi", "pin", "coal", "python-fcl", "ompl", "numpy", "scipy", "numba", "networkx",
+    "toppra", "pydantic", "viser", "mujoco",
+)  # fmt: skip
+
+
+def run_doctor(console: Console, out: Path | None) -> Outcome:
+    """Print what was found; exit 3 if the solve does not work."""
+    from dmoc.codegen import backend_report
+    from dmoc.motion import MotionProblem
+    from dmoc.robot import available_robots, load_robot
+    from dmoc.solver import solve
+
+    versions = {name: _version(name) for name in PACKAGES}
+    robot = load_robot("ur10e_class")
+    problem = MotionProblem(robot, np.zeros(6), np.full(6, 0.5), num_intervals=20)
+    began = time.process_time()
+    motion = solve(problem)
+    data = {
+        "python": platform.python_version(), "machine": platform.machine(),
+        "cores": os.cpu_count(), "packages": versions,
+        "compiler": shutil.which("gcc") or shutil.which("cc"), "backend": backend_report(),
+        "robots": list(available_robots()),
+        "solve": {"status": motion.status.value, "cost": motion.cost,
+                  "cpu_s": time.process_time() - began},
+    }  # fmt: skip
+    console.show(f"python {data['python']} on {data['machine']}, {data['cores']} cores")
+    for name, found in versions.items():
+        console.show(f"  {name:<12} {found or 'not installed'}")
+    console.show(f"  compiler     {data['compiler'] or 'none: the virtual machine evaluates'}")
+    for key, value in backend_report().items():
+        console.show(f"  {key:<12} {value}")
+    console.show(f"  robots       {', '.join(available_robots())}")
+    console.show(f"  solve        {motion.status.value}, cost {motion.cost:.6g}")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "doctor.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    return Outcome(data, 0 if motion.status.ok else 3)
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None

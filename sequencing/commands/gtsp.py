@@ -1,0 +1,25 @@
+"""`dmoc gtsp`: one generalised travelling salesman instance."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from sequencing.commands.console import Console, Outcome, plain
+from sequencing.gtsp.command import run_gtsp_file
+
+__all__ = ["run_gtsp"]
+
+
+def run_gtsp(
+    console: Console, file: Path, seed: int, exact: bool, effort: str, out: Path | None
+) -> Outcome:
+    """Solve the file; `out`/tour.json holds the same object as `--json`."""
+    data = run_gtsp_file(file, seed=seed, exact=exact, effort=effort)
+    proof = "proven optimal" if data["proven"] else f"lower bound {data['lower_bound']}"
+    console.show(f"cost {data['cost']} ({proof}), {data['method']}, {data['cpu_s']:.2f} s CPU")
+    console.show("tour " + " ".join(str(node) for node in data["tour"]))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "tour.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    return Outcome(data, 0 if data["tour"] else 3)

@@ -1,0 +1,108 @@
+"""`dmoc demo` and `dmoc plan`: plan a station and write everything a person looks at."""
+
+from __future__ import annotations
+
+import resource
+import time
+from pathlib import Path
+from typing import Any
+
+from planning.station import Station, available_stations, demo_station, load_station
+from sequencing.commands.console import Console, Outcome
+from sequencing.commands.workers import worker_pool
+from sequencing.cycle import NoCycle, PlanStop, plan_station
+from sequencing.cycle_types import Cycle
+from sequencing.report.curves import write_curves
+from sequencing.report.progress import plan_progress
+from sequencing.report.scene import write_scene
+from sequencing.run_files import read_run, write_run
+from sequencing.store import EdgeStore
+
+__all__ = ["headline", "open_station", "run_demo", "run_plan"]
+
+DEMO = "stud_welding_a_8"
+
+
+def open_station(name_or_path: str) -> Station:
+    """An embedded station by name, or a station.yaml."""
+    if name_or_path in available_stations():
+        return demo_station(name_or_path)
+    return load_station(name_or_path)
+
+
+def run_demo(console: Console, seed: int, out: Path | None, workers: int, method: str) -> Outcome:
+    """The main job on the embedded eight-stud station."""
+    return run_plan(console, DEMO, seed, out or Path("runs/demo"), workers, method, None, 0.01)
+
+
+def run_plan(
+    console: Console,
+    station_name: str,
+    seed: int,
+    out: Path | None,
+    workers: int,
+    method: str,
+    max_evaluations: int | None,
+    conditional_gap: float,
+) -> Outcome:
+    """Plan, write the run folder, print the tables; exit 3 with reasons where there is no cycle."""
+    began = time.perf_counter()
+    station = open_station(station_name)
+    folder = out or Path("runs") / station.name
+    stop = PlanStop(conditional_gap=conditional_gap, max_evaluations=max_evaluations)
+    try:
+        with (
+            EdgeStore(folder / "edges.sqlite") as store,
+            worker_pool(workers) as executor,
+            plan_progress() as progress,
+        ):
+            cycle = plan_station(
+                station, seed=seed, method=method, stop=stop, executor=executor, store=store,
+                progress=progress,
+            )  # fmt: skip
+    except NoCycle as none:
+        for key, reason in none.reasons.items():
+            console.say(f"no cycle: {key}: {reason}")
+        return Outcome({"status": "no_cycle", "reasons": none.reasons, "out": str(folder)}, 3)
+    planned = time.perf_counter() - began
+    write_run(cycle, folder, _timing(planned, planned))
+    run = read_run(folder, station.robot)
+    write_curves(run.timeline, station.robot, folder / "curves.png", station.name)
+    write_scene(station, run.timeline, folder / "scene.html", station.name)
+    wall = time.perf_counter() - began
+    write_run(cycle, folder, _timing(planned, wall))
+    console.show((folder / "tables.md").read_text(encoding="utf-8"))
+    console.show(
+        f"written to {folder}: tables.md, curves.png, scene.html, result.json, motions.npz"
+    )
+    return Outcome(headline(cycle, wall, folder), 0 if not cycle.unreachable else 3)
+
+
+def headline(cycle: Cycle, wall_s: float, out: Path) -> dict[str, Any]:
+    """The object that `dmoc demo --json` and `dmoc plan --json` print."""
+    search, tables = cycle.search, cycle.tables
+    return {
+        "studs": len(cycle.welds), "configurations": cycle.configurations,
+        "edges": {"total": search.edges_total, "evaluated": search.edges_evaluated,
+                  "failed": search.edges_failed},
+        "time_based": tables.time_based.to_dict(),
+        "time_based_totals": list(tables.time_based_totals),
+        "energy_based": tables.energy_based.to_dict(),
+        "saving_percent": tables.saving_percent, "lower_bound": search.lower_bound,
+        "bound_is_proven": search.bound_is_proven, "gap_percent": search.gap_percent,
+        "conditional_gap_percent": search.conditional_gap_percent,
+        "conditional_factor": search.conditional_factor, "stopped_by": search.stopped_by,
+        "cycle_time_s": cycle.duration_s, "motions": len(cycle.motions),
+        "certified": cycle.certified, "fallbacks": cycle.fallbacks,
+        "unreachable": [{"stud": stud, "reason": reason} for stud, reason in cycle.unreachable],
+        "wall_s": wall_s, "out": str(out),
+    }  # fmt: skip
+
+
+def _timing(plan_s: float, wall_s: float) -> dict[str, float]:
+    own = resource.getrusage(resource.RUSAGE_SELF)
+    workers = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return {
+        "plan_wall_s": plan_s, "wall_s": wall_s, "cpu_s": own.ru_utime + own.ru_stime,
+        "workers_cpu_s": workers.ru_utime + workers.ru_stime,
+    }  # fmt: skip

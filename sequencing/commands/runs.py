@@ -1,0 +1,68 @@
+"""`dmoc export`, `dmoc view`, `dmoc compare`: what can be done with a finished run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from dmoc.errors import Fault, InputError
+from dmoc.robot import Robot
+from sequencing.commands.console import Console, Outcome, plain
+from sequencing.export.exporting import export_run
+from sequencing.report.curves import write_curves
+from sequencing.report.scene import write_scene
+from sequencing.run_compare import compare_runs
+from sequencing.run_files import Run, read_run
+
+__all__ = ["run_compare", "run_export", "run_view"]
+
+
+def run_export(console: Console, run_dir: Path, format: str, out: Path | None) -> Outcome:
+    """Write controller files; limits that are exceeded refuse the export (exit 2)."""
+    export = export_run(read_run(run_dir), format, out or run_dir / "export")
+    for path in export.paths:
+        console.show(f"wrote {path}")
+    if export.deviation_rad is not None:
+        console.show(f"largest deviation from the planned curve: {export.deviation_rad:.2e} rad")
+    if format in ("rapid", "krl"):
+        console.say("point-to-point export does not preserve the planned torques and timing")
+    return Outcome(
+        {"format": export.format, "files": [str(path) for path in export.paths],
+         "deviation_rad": export.deviation_rad, "step_s": export.step_s}
+    )  # fmt: skip
+
+
+def run_view(console: Console, run_dir: Path, out: Path | None) -> Outcome:
+    """Write curves and scene of a run anew."""
+    from sequencing.commands.plan import open_station
+
+    run = read_run(run_dir)
+    robot = _robot(run)
+    folder = out or run_dir
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [write_curves(run.timeline, robot, folder / "curves.png", run.name)]
+    station = open_station(run.name)
+    files.append(write_scene(station, run.timeline, folder / "scene.html", run.name))
+    for path in files:
+        console.show(f"wrote {path}")
+    return Outcome({"files": [str(path) for path in files]})
+
+
+def run_compare(console: Console, first: Path, second: Path, out: Path | None) -> Outcome:
+    """Costs of two runs side by side."""
+    data = compare_runs(read_run(first), read_run(second))
+    for key, value in data.items():
+        console.show(f"{key}: {value}")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "compare.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    return Outcome(data)
+
+
+def _robot(run: Run) -> Robot:
+    if run.robot is None:
+        raise InputError(
+            Fault("run-robot", file=str(run.folder), field="robot", value=run.robot_note,
+                  legal="a robot of the package", fix="plan again with this version")
+        )  # fmt: skip
+    return run.robot

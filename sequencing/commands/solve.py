@@ -1,0 +1,82 @@
+"""`dmoc solve`: one optimal motion between two joint vectors."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from dmoc.cost import Cost
+from dmoc.errors import Fault, InputError
+from dmoc.motion import Motion, MotionProblem
+from dmoc.robot import load_robot
+from dmoc.solver import solve
+from sequencing.commands.console import Console, Outcome, plain
+
+__all__ = ["parse_vector", "run_solve"]
+
+
+def parse_vector(text: str, name: str, num_joints: int) -> np.ndarray:
+    """Numbers separated by commas or blanks; `InputError` names the option."""
+    parts = text.replace(",", " ").split()
+    try:
+        values = np.array([float(part) for part in parts])
+    except ValueError:
+        values = np.array([np.nan])
+    if values.shape != (num_joints,) or not np.all(np.isfinite(values)):
+        raise InputError(
+            Fault("joint-vector", field=f"--{name}", value=text,
+                  legal=f"{num_joints} finite numbers in rad, separated by commas",
+                  fix=f"--{name}={','.join(['0'] * num_joints)}")
+        )  # fmt: skip
+    return values
+
+
+def run_solve(
+    console: Console,
+    robot_name: str,
+    start: str,
+    goal: str,
+    intervals: int,
+    duration: float | None,
+    weights: tuple[float, float, float, float],
+    payload: float,
+    seed: int,
+    out: Path | None,
+) -> Outcome:
+    """Solve, print a line or the JSON object, and write it to `out`/motion.json if asked."""
+    robot = load_robot(robot_name)
+    if payload > 0:
+        robot = robot.with_payload(payload)
+    problem = MotionProblem(
+        robot, parse_vector(start, "start", robot.num_joints),
+        parse_vector(goal, "goal", robot.num_joints), Cost(*weights), num_intervals=intervals,
+        duration_s=duration,
+    )  # fmt: skip
+    began = time.process_time()
+    motion = solve(problem, seed=seed)
+    data = _as_object(motion) | {"cpu_s": time.process_time() - began}
+    console.show(
+        f"{motion.status.value}: cost {motion.cost:.6g}, duration {motion.duration_s:.4g} s, "
+        f"{motion.iterations} iterations"
+    )
+    if not motion.status.ok:
+        console.say(f"{motion.status.value}: {motion.status.advice} {motion.note}".rstrip())
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "motion.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    return Outcome(data, 0 if motion.status.ok else 3)
+
+
+def _as_object(motion: Motion) -> dict[str, object]:
+    trajectory = motion.trajectory
+    names = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
+    arrays = {name: None if trajectory is None else getattr(trajectory, name) for name in names}
+    return {
+        "status": motion.status.value, "advice": motion.status.advice, "cost": motion.cost,
+        "duration_s": motion.duration_s, **arrays, "iterations": motion.iterations,
+        "max_defect": motion.max_defect, "smoothing_cost": motion.smoothing_cost,
+        "replay_error_rad": motion.replay_error_rad, "note": motion.note,
+    }  # fmt: skip

@@ -1,0 +1,309 @@
+"""`plan_station`: from a station to the ordered, certified, energy-efficient cycle."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmoc.errors import Fault, ProblemError
+from dmoc.motion import Motion
+from planning.alternatives import StudAlternatives
+from planning.alternatives_search import alternatives
+from planning.station import Station
+from planning.world import CollisionWorld
+from sequencing import gtsp
+from sequencing.baseline import TimedSequence, time_based_sequences
+from sequencing.cycle_types import (
+    Cycle,
+    CycleCost,
+    CycleMotion,
+    Search,
+    StudRow,
+    Tables,
+    Weld,
+)
+from sequencing.edges import EdgeEvent, StationEdges
+from sequencing.gtsp.problem import Tour
+from sequencing.lazy import LazyResult, LazyRound, LazyStop, solve_lazily
+from sequencing.nodes import HOME, StationNodes, station_nodes
+from sequencing.store import EdgeStore
+
+__all__ = ["NoCycle", "PlanEvent", "PlanStop", "plan_station"]
+
+MAX_FINAL_REPAIRS = 20
+
+
+class NoCycle(RuntimeError):
+    """No admissible cycle exists; `reasons` maps stud ids (or `cycle`) to why."""
+
+    def __init__(self, reasons: dict[str, str]) -> None:
+        self.reasons = reasons
+        super().__init__("; ".join(f"{key}: {value}" for key, value in reasons.items()))
+
+    def __reduce__(self) -> tuple[type[NoCycle], tuple[dict[str, str]]]:
+        return (type(self), (self.reasons,))
+
+
+@dataclass(frozen=True)
+class PlanStop:
+    """When planning stops: all limits are counts or proven numbers, never wall time.
+
+    `training_edges` are solved before anything is decided (None: by the number of studs);
+    `conditional_gap` ends the lazy loop; `max_evaluations` limits the edges of the loop;
+    `baseline_draws` is the number of time-optimal sequences drawn for the comparison.
+    """
+
+    training_edges: int | None = None
+    conditional_gap: float = 0.01
+    max_evaluations: int | None = None
+    baseline_draws: int = 7
+
+    def training(self, num_studs: int) -> int:
+        """Number of training edges for a station of `num_studs` studs."""
+        return self.training_edges or 40 + 12 * num_studs
+
+
+@dataclass(frozen=True)
+class PlanEvent:
+    """Progress of a plan: phase, edges, best cycle cost so far and its conditional gap."""
+
+    phase: str
+    edges: EdgeEvent | None = None
+    best: float | None = None
+    gap: float | None = None
+
+
+Progress = Callable[[PlanEvent], None]
+
+
+def plan_station(
+    station: Station,
+    *,
+    seed: int = 0,
+    method: str = "halfspaces",
+    stop: PlanStop | None = None,
+    executor: Executor | None = None,
+    store: EdgeStore | Path | None = None,
+    progress: Progress | None = None,
+) -> Cycle:
+    """Order, configurations and motions of a station.
+
+    Alternatives → edge costs (bound, learned estimate, solved motions, lazily) → exact
+    generalised TSP → final motions at N = 40, certified between the knots → comparison with
+    sequences of least travel time. `executor` runs the edges (None: in this process); the result
+    is the same, byte for byte, whatever it is. `store` keeps solved edges for the next run.
+
+    Raises `NoCycle` when no stud has an alternative or no cycle joins those that have one.
+    """
+    settings, tell = stop or PlanStop(), progress or (lambda event: None)
+    if store is None:
+        with (
+            tempfile.TemporaryDirectory(prefix="dmoc-") as folder,
+            EdgeStore(Path(folder) / "edges.sqlite") as own,
+        ):
+            return plan_station(
+                station, seed=seed, method=method, stop=stop, executor=executor, store=own,
+                progress=progress,
+            )  # fmt: skip
+    if isinstance(store, Path):
+        with EdgeStore(store) as opened:
+            return plan_station(
+                station, seed=seed, method=method, stop=stop, executor=executor, store=opened,
+                progress=progress,
+            )  # fmt: skip
+    if method not in ("halfspaces", "boxes"):
+        raise ProblemError(
+            Fault("method", field="method", value=repr(method), legal="halfspaces, boxes",
+                  fix="choose one of them")
+        )  # fmt: skip
+
+    tell(PlanEvent("alternatives"))
+    world = CollisionWorld(station)
+    found = alternatives(station, world)
+    unreachable = tuple(
+        (item.stud.id, reason_text(item)) for item in found if not item.alternatives
+    )
+    nodes = station_nodes(station, found)
+    if not nodes.studs:
+        raise NoCycle(dict(unreachable))
+
+    tell(PlanEvent("estimates"))
+    oracle = StationEdges(
+        station, world, nodes, store, seed=seed, method=method, executor=executor,
+        progress=lambda event: tell(PlanEvent("edges", event)),
+    )  # fmt: skip
+    try:
+        learned = oracle.train(settings.training(len(nodes.studs)))
+        # What no held-out edge undercuts, less the 1 % that the quantile leaves out.
+        factor = min(1.0, learned.factor(0.01))
+        best, result = _best_cycle(oracle, settings, factor, seed, tell)
+        search = _search(oracle, best, result, factor)
+        tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
+        old = time_based_sequences(oracle, settings.baseline_draws, seed)
+        tables = _tables(oracle, found, best, old)
+    finally:
+        oracle.close()
+    return Cycle(
+        station=station, seed=seed, method=method, tour=best.tour, welds=best.welds,
+        motions=best.motions, tables=tables, search=search,
+        configurations=nodes.num_configurations, unreachable=unreachable,
+    )  # fmt: skip
+
+
+def reason_text(item: StudAlternatives) -> str:
+    """Why a stud has no alternative: reasons and how many candidates each one took away."""
+    parts = [f"{reason} ({count})" for reason, count in sorted(item.reasons.items())]
+    return ", ".join(parts) or "unreachable"
+
+
+@dataclass(frozen=True)
+class _Executed:
+    """A tour with its final motions, in order of execution."""
+
+    tour: Tour
+    welds: tuple[Weld, ...]
+    motions: tuple[CycleMotion, ...]
+    cost: CycleCost
+
+
+def _best_cycle(
+    oracle: StationEdges, settings: PlanStop, factor: float, seed: int, tell: Progress
+) -> tuple[_Executed, LazyResult]:
+    """The lazy loop, repeated while a final motion of its tour cannot be certified."""
+    nodes, station = oracle.nodes, oracle.station
+    base = nodes.problem(_zero_costs(nodes), station)
+
+    def show(round_: LazyRound) -> None:
+        tell(PlanEvent("search", None, round_.upper_bound, round_.conditional_gap))
+
+    stop = LazyStop(settings.conditional_gap, "conditional", settings.max_evaluations)
+    for _ in range(MAX_FINAL_REPAIRS):
+        result = solve_lazily(
+            base, oracle, stop, seed, known=dict(oracle.costs), symmetric=oracle.symmetric,
+            factor=factor, bound_each_round=False, callback=show,
+        )  # fmt: skip
+        if not result.tour.found:
+            raise NoCycle({"cycle": _why_no_cycle(oracle, result)})
+        tell(PlanEvent("final motions", None, result.tour.cost, result.conditional_gap))
+        executed, failed = execute(oracle, result.tour)
+        if not failed:
+            return executed, result
+        oracle.forbid(failed)
+    raise NoCycle({"cycle": f"no tour with certified final motions in {MAX_FINAL_REPAIRS} tries"})
+
+
+def _zero_costs(nodes: StationNodes) -> np.ndarray:
+    return np.zeros((nodes.num_nodes, nodes.num_nodes))
+
+
+def _why_no_cycle(oracle: StationEdges, result: LazyResult) -> str:
+    failed = sum(1 for value in oracle.costs.values() if not np.isfinite(value))
+    return (
+        f"{result.status}: {failed} of {len(oracle.costs)} solved travels have no certified "
+        "motion, or the precedences admit no order"
+    )
+
+
+def execute(oracle: StationEdges, tour: Tour) -> tuple[_Executed, list[tuple[int, int]]]:
+    """Final motions of a tour, rotated to begin at home; the pairs without a certified motion."""
+    nodes, station = oracle.nodes, oracle.station
+    order = list(tour.nodes)
+    if nodes.home is not None:
+        at = order.index(nodes.home)
+        order = order[at:] + order[:at]
+    problem = nodes.problem(_zero_costs(nodes), station)
+    pairs = problem.edges(order)
+    found = oracle.motions(pairs, "final")
+    failed = [
+        (int(i), int(j))
+        for (i, j), motion in zip(pairs, found)
+        if not (motion.status.ok and motion.certified and motion.trajectory is not None)
+    ]
+    motions = tuple(
+        _cycle_motion(nodes, index, int(i), int(j), motion)
+        for index, ((i, j), motion) in enumerate(zip(pairs, found))
+    )
+    times = {stud.id: stud.weld_time_s for stud in station.studs}
+    welds = tuple(
+        Weld(nodes.stud[v], int(nodes.alternative[v]), nodes.q_rad[v], float(nodes.weld_cost[v]),
+             times[nodes.stud[v]])
+        for v in order if v != nodes.home
+    )  # fmt: skip
+    travel = float(sum(item.motion.cost for item in motions))
+    cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
+    rotated = replace(tour, nodes=tuple(order))
+    return _Executed(rotated, welds, motions, cost), failed
+
+
+def _cycle_motion(nodes: StationNodes, index: int, i: int, j: int, motion: Motion) -> CycleMotion:
+    ends = (HOME if i == nodes.home else nodes.stud[i], HOME if j == nodes.home else nodes.stud[j])
+    kind: Any = "home" if nodes.home in (i, j) else "travel"
+    return CycleMotion(f"m{index:03d}", ends[0], ends[1], kind, motion)
+
+
+def _search(oracle: StationEdges, best: _Executed, result: LazyResult, factor: float) -> Search:
+    """What is proven: an exact (or relaxed) minimum over solved costs and strict bounds."""
+    nodes = oracle.nodes
+    mixed = strict_costs(oracle)
+    strict = gtsp.solve(
+        nodes.problem(mixed, oracle.station), seed=oracle.seed, method="exact",
+        initial=[best.tour],
+    )  # fmt: skip
+    total = result.tour.cost
+    bound = min(strict.lower_bound, total)
+    failed = sum(1 for value in oracle.costs.values() if not np.isfinite(value))
+    return Search(
+        edges_total=len(nodes.usable_pairs()), edges_evaluated=len(oracle.costs),
+        edges_failed=failed, lower_bound=bound, bound_is_proven=bool(np.isfinite(bound)),
+        gap_percent=100.0 * (total - bound) / total, conditional_factor=factor,
+        conditional_gap_percent=100.0 * result.conditional_gap, stopped_by=result.status,
+        rounds=tuple(_round(r) for r in result.rounds),
+    )  # fmt: skip
+
+
+def strict_costs(oracle: StationEdges) -> np.ndarray:
+    """(V, V): solved costs where there are any, else proven lower bounds."""
+    nodes = oracle.nodes
+    pairs = nodes.usable_pairs()
+    mixed = np.full((nodes.num_nodes, nodes.num_nodes), np.inf)
+    bounds = oracle.bound(pairs)
+    mixed[pairs[:, 0], pairs[:, 1]] = bounds
+    mixed[pairs[:, 1], pairs[:, 0]] = bounds
+    for (i, j), value in oracle.costs.items():
+        mixed[i, j] = mixed[j, i] = value
+    return mixed
+
+
+def _round(item: LazyRound) -> dict[str, Any]:
+    return {
+        "phase": item.phase, "upper_bound": item.upper_bound, "lower_bound": item.lower_bound,
+        "conditional_bound": item.conditional_bound, "evaluations": item.evaluations,
+        "batch": item.batch,
+    }  # fmt: skip
+
+
+def _tables(
+    oracle: StationEdges,
+    found: tuple[StudAlternatives, ...],
+    best: _Executed,
+    old: tuple[TimedSequence, ...],
+) -> Tables:
+    rows = []
+    for item in found:
+        costs = [alternative.weld_cost for alternative in item.alternatives]
+        if costs:
+            rows.append(StudRow(item.stud.id, len(costs), min(costs), max(costs)))
+    reference, totals = best.cost, (best.cost.total,)
+    if old:
+        totals = tuple(sequence.cost.total for sequence in old)
+        median = old[len(old) // 2]
+        executed, failed = execute(oracle, Tour(median.nodes, median.cost.total))
+        # A time-based sequence whose final motions fail keeps its screening cost.
+        reference = median.cost if failed else executed.cost
+    return Tables(tuple(rows), reference, totals, best.cost)

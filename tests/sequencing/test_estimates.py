@@ -1,0 +1,91 @@
+"""The speed bound is never above a solved motion; the straight-line cost is what it says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dmoc.cost import Cost
+from dmoc.motion import MotionProblem
+from dmoc.robot import load_robot
+from dmoc.solver import solve
+from sequencing.estimates import speed_bound, straight_line, travel_time
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("ur10e_class")
+
+
+def _pairs(robot, count: int, seed: int):
+    rng = np.random.default_rng(seed)
+    span = np.minimum(robot.q_upper_rad, 2.0)
+    return rng.uniform(-span, span, (count, 6)), rng.uniform(-span, span, (count, 6))
+
+
+def test_bound_is_below_solved_motions(robot) -> None:
+    cost = Cost(torque_smoothing=0.0)
+    starts, goals = _pairs(robot, 6, 11)
+    waypoints = np.stack([starts, starts, goals, goals], axis=1)
+    bounds = speed_bound(robot, cost, waypoints)
+    for start, goal, bound in zip(starts, goals, bounds):
+        motion = solve(MotionProblem(robot, start, goal, cost, num_intervals=20)).require()
+        assert 0 < bound <= motion.cost
+
+
+def test_bound_is_the_minimum_over_the_duration(robot) -> None:
+    cost = Cost(time=2.0, velocity=0.7)
+    starts, goals = _pairs(robot, 20, 5)
+    waypoints = np.stack([starts, goals], axis=1)
+    least = travel_time(robot, starts, goals)
+    for k, bound in enumerate(speed_bound(robot, cost, waypoints)):
+        durations = least[k] + np.linspace(0.0, 30.0, 300_001)
+        length = np.linalg.norm(goals[k] - starts[k])
+        brute = np.min(cost.time * durations + cost.velocity * length**2 / durations)
+        assert bound == pytest.approx(brute, rel=1e-6)
+
+
+def test_longer_polygons_cost_no_less(robot) -> None:
+    starts, goals = _pairs(robot, 30, 7)
+    middle = 0.5 * (starts + goals) + 0.2
+    direct = speed_bound(robot, Cost(), np.stack([starts, goals], axis=1))
+    via = speed_bound(robot, Cost(), np.stack([starts, middle, goals], axis=1))
+    assert np.all(via >= direct)
+
+
+def test_no_price_of_time_gives_the_trivial_bound(robot) -> None:
+    starts, goals = _pairs(robot, 3, 1)
+    assert np.all(speed_bound(robot, Cost(time=0.0), np.stack([starts, goals], 1)) == 0)
+
+
+def test_straight_line_cost_equals_its_integral(robot) -> None:
+    """J(T) in closed form against a fine quadrature of the same motion."""
+    import pinocchio as pin
+
+    cost = Cost()
+    starts, goals = _pairs(robot, 4, 2)
+    line = straight_line(robot, cost, starts, goals)
+    data = robot.model.createData()
+    for k in range(4):
+        duration = line.duration_s[k]
+        x = (np.arange(4000) + 0.5) / 4000
+        delta = goals[k] - starts[k]
+        total = 0.0
+        for xi in x:
+            s = xi**3 * (10 - 15 * xi + 6 * xi**2)
+            v = 30 * xi**2 * (1 - xi) ** 2 / duration * delta
+            a = 60 * xi * (1 - xi) * (1 - 2 * xi) / duration**2 * delta
+            u = pin.rnea(robot.model, data, starts[k] + s * delta, v, a)
+            total += (cost.time + cost.effort * u @ u + cost.velocity * v @ v) / 4000
+        assert line.cost[k] == pytest.approx(total * duration, rel=2e-3)
+
+
+def test_straight_line_duration_is_the_best_one(robot) -> None:
+    starts, goals = _pairs(robot, 10, 9)
+    line = straight_line(robot, Cost(), starts, goals)
+    fastest = 1.875 * travel_time(robot, starts, goals)
+    for factor in (0.97, 1.03):
+        other = line.duration_s * factor
+        value = line.alpha * other + line.beta / other + line.gamma / other**3
+        allowed = other >= fastest
+        assert np.all(value[allowed] >= line.cost[allowed] - 1e-12)
