@@ -1,0 +1,105 @@
+"""`export_run`: a run as files for controllers, or a refusal that says which limit is broken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from dmoc.errors import Fault, InputError
+from sequencing.export.checks import check_exportable
+from sequencing.export.krl import krl_program
+from sequencing.export.rapid import rapid_program
+from sequencing.export.ros import ros_files
+from sequencing.export.rtde import csv_log, rtde_log
+from sequencing.export.urscript import urscript_program
+from sequencing.export.wording import POINT_TO_POINT, STREAMED
+from sequencing.run_archive import write_atomic
+from sequencing.run_files import Run
+
+__all__ = ["EXPORT_FORMATS", "Export", "export_run"]
+
+Texts = tuple[dict[str, str], float | None]
+
+
+@dataclass(frozen=True)
+class Export:
+    """Files written, what the format keeps of the plan, and what sampling costs.
+
+    `max_deviation_rad` is the largest distance of any joint between the planned curve and the
+    curve that the controller makes of the file, where that is known (straight lines between
+    streamed points, a cubic through points with velocities); None where the controller decides.
+    """
+
+    format: str
+    files: tuple[Path, ...]
+    statement: str
+    max_deviation_rad: float | None
+
+
+def _urscript(run: Run, step_s: float | None) -> Texts:
+    text, deviation = urscript_program(run, 0.008 if step_s is None else step_s)
+    return {f"{_stem(run)}.script": text}, deviation
+
+
+def _rtde(run: Run, step_s: float | None) -> Texts:
+    text, deviation = rtde_log(run, 0.008 if step_s is None else step_s)
+    return {f"{_stem(run)}.rtde.csv": text}, deviation
+
+
+def _csv(run: Run, step_s: float | None) -> Texts:
+    text, deviation = csv_log(run, 0.01 if step_s is None else step_s)
+    return {f"{_stem(run)}.csv": text}, deviation
+
+
+def _ros(run: Run, step_s: float | None) -> Texts:
+    return ros_files(run), 0.0
+
+
+def _rapid(run: Run, step_s: float | None) -> Texts:
+    return {f"{_stem(run)}.mod": rapid_program(run)}, None
+
+
+def _krl(run: Run, step_s: float | None) -> Texts:
+    return {f"{_stem(run)}.src": krl_program(run)}, None
+
+
+_WRITERS: dict[str, Callable[[Run, float | None], Texts]] = {
+    "csv": _csv, "krl": _krl, "rapid": _rapid, "ros": _ros, "rtde": _rtde, "urscript": _urscript,
+}  # fmt: skip
+EXPORT_FORMATS = tuple(sorted(_WRITERS))
+
+
+def export_run(run: Run, format: str, out: Path | str, step_s: float | None = None) -> Export:
+    """Write `run` in `format` to the folder `out`.
+
+    Formats: `csv` and `rtde` (the cycle on an even clock), `urscript` (servoj every `step_s`,
+    8 ms by default), `ros` (JointTrajectory, one file a motion), `rapid` (MoveAbsJ) and `krl`
+    (PTP), both in degrees. Point-to-point formats do not preserve the timing and therefore not
+    the torques; each file says so.
+
+    Errors: `InputError` with export-format, export-step, export-limit, export-uncertified,
+    export-motion or export-joints; nothing is written then.
+    """
+    if format not in _WRITERS:
+        raise InputError(
+            Fault("export-format", field="format", value=format, legal=", ".join(EXPORT_FORMATS),
+                  fix="choose one of these")
+        )  # fmt: skip
+    if step_s is not None and not 0.001 <= step_s <= 1.0:
+        raise InputError(
+            Fault("export-step", field="step_s", value=repr(step_s), legal="0.001 to 1 s",
+                  fix="UR controllers take 0.002 or 0.008 s")
+        )  # fmt: skip
+    check_exportable(run)
+    files, deviation = _WRITERS[format](run, step_s)
+    paths = []
+    for name, text in files.items():
+        paths.append(Path(out) / name)
+        write_atomic(paths[-1], text)
+    statement = POINT_TO_POINT if deviation is None else STREAMED
+    return Export(format, tuple(paths), statement, deviation)
+
+
+def _stem(run: Run) -> str:
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in run.name) or "run"

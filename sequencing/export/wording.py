@@ -1,0 +1,98 @@
+"""Sentences that every exported program carries, and small helpers of the program writers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from dmoc.arrays import Array
+from dmoc.errors import Fault, InputError
+from dmoc.trajectory import JointTrajectory
+from sequencing.cycle_types import CycleMotion, Weld
+from sequencing.run_files import Run
+from sequencing.run_timeline import trajectory_of
+
+__all__ = ["POINT_TO_POINT", "STREAMED", "header_lines", "identifier", "six_joints", "steps"]
+
+POINT_TO_POINT = (
+    "Point-to-point export does NOT preserve the planned timing and therefore not the planned "
+    "torques or energy: the controller makes its own speed profile between these points."
+)
+STREAMED = (
+    "Streamed export keeps the planned timing up to the sampling step; the controller's own "
+    "filtering (lookahead, gain) still changes torques a little. Point-to-point export (movej, "
+    "MoveAbsJ, PTP) of the same points would not preserve the torque timing."
+)
+_SIGNS = (
+    "Joint angles follow the URDF of the planned robot: compare zero positions and signs with the "
+    "controller's, and try at reduced speed first."
+)
+
+
+def header_lines(run: Run, statement: str) -> list[str]:
+    """Plain lines for the head of a program; ASCII only, as old controllers want it."""
+    assumed = sorted(k for k, tag in run.result["robot"]["provenance"].items() if tag == "assumed")
+    lines = [
+        f"Station {run.name}, robot {run.result['robot']['name']}, seed {run.result['seed']}",
+        f"Station fingerprint {run.result['inputs']['station_fingerprint']}",
+        f"{len(run.motions)} motions, {run.result['certified']} certified free of collision",
+        statement,
+        _SIGNS,
+    ]
+    if assumed:
+        lines.append("Planned with assumed values: " + ", ".join(assumed))
+    return [ascii_text(line) for line in lines]
+
+
+def ascii_text(text: str) -> str:
+    """Text with everything beyond ASCII replaced."""
+    return text.replace("→", "->").encode("ascii", "replace").decode("ascii")
+
+
+def identifier(text: str, longest: int) -> str:
+    """A program name: letters, digits, underscores, a letter first, at most `longest` long."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    if not name or not name[0].isalpha():
+        name = "P_" + name
+    return name[:longest]
+
+
+def six_joints(run: Run, language: str) -> None:
+    """Refuse a robot that does not have the six joints that `language` can name."""
+    if len(run.joint_names) != 6:
+        raise InputError(
+            Fault("export-joints", file=str(run.folder), field="robot.joint_names",
+                  value=str(len(run.joint_names)), legal=f"6 joints for {language}",
+                  fix="use csv or ros for other arms")
+        )  # fmt: skip
+
+
+def steps(run: Run) -> Iterator[tuple[CycleMotion, JointTrajectory] | Weld]:
+    """Motions (with their trajectories) and welds in order of execution."""
+    line = run.timeline
+    for segment in line.segments:
+        if segment.kind == "weld":
+            yield line.welds[segment.index]
+        else:
+            item = line.motions[segment.index]
+            yield item, trajectory_of(item)
+
+
+def sampled(trajectory: JointTrajectory, step_s: float) -> tuple[Array, float]:
+    """Joint vectors (K, n) every `step_s` from one step after the start to the goal, and the
+    largest deviation [rad] of the straight lines between them from the curve.
+
+    The last step is shorter in the plan than in the program: the goal is held for the rest.
+    """
+    start, length = trajectory.t_s[0], trajectory.duration_s
+    count = max(1, int(np.ceil(length / step_s - 1e-9)))
+    times = np.minimum(np.arange(count + 1) * step_s, length)
+    points = trajectory.sample(start + times).q_rad
+    fine = np.linspace(0.0, length, 8 * count + 1)
+    curve = trajectory.sample(start + fine).q_rad
+    # In the program the last point comes a full step after the one before it.
+    program = np.arange(count + 1) * step_s
+    lines = [np.interp(fine, program, column) for column in points.T]
+    return points[1:], float(np.max(np.abs(np.column_stack(lines) - curve)))

@@ -1,0 +1,171 @@
+"""tables.md: Tables 1 and 2 beside the paper's, what J consists of, what is assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sequencing.report.paper import paper_tables
+
+__all__ = ["markdown_table", "tables_markdown"]
+
+Result = Mapping[str, Any]
+
+
+def tables_markdown(result: Result) -> str:
+    """The text of tables.md, from the object of result.json alone."""
+    parts = [
+        f"# {result['name']}: tables",
+        headline(result),
+        "## Table 1: alternatives and range of the weld costs",
+        table_1(result),
+        "## Table 2: cost of the cycle, old and new sequence",
+        table_2(result),
+        "## What the travel cost consists of",
+        table_shares(result),
+        "## What is assumed",
+        provenance_text(result),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table; the first column is left-aligned, the others right-aligned."""
+    rule = ["---"] + ["---:"] * (len(header) - 1)
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, rule, *rows])
+
+
+def number(value: float | None, digits: int = 1) -> str:
+    """A figure for a person; a missing one is a dash."""
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def headline(result: Result) -> str:
+    """Three sentences: how big, how safe, how well proven."""
+    search, motions = result["search"], result["motions"]
+    kind = "proven" if search["bound_is_proven"] else "not proven"
+    text = (
+        f"{len(result['welds'])} studs, {result['configurations']} configurations, "
+        f"{len(motions)} motions; cycle time {number(result['duration_s'])} s. "
+        f"{result['certified']} of {len(motions)} motions are certified free of collision between "
+        f"their knots; {result['fallbacks']} are time-scaled seeds instead of optimal motions. "
+        f"Edges evaluated: {search['edges_evaluated']} of {search['edges_total']}, "
+        f"{search['edges_failed']} without a motion. "
+        f"Lower bound {number(search['lower_bound'])} ({kind}), gap to it "
+        f"{number(search['gap_percent'])} %."
+    )
+    if search["conditional_gap_percent"] is not None:
+        text += (
+            f" Conditional gap {number(search['conditional_gap_percent'])} %: it holds only if no "
+            f"unevaluated edge costs less than {search['conditional_factor']:g} times its estimate."
+        )
+    for entry in result["unreachable"]:
+        text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
+    return text
+
+
+def table_1(result: Result) -> str:
+    """Per stud: how many alternatives and what the weld costs in the best and worst of them."""
+    paper = {str(row[0]): row for row in paper_tables()["studs"]}
+    rows = []
+    for place, row in enumerate(result["tables"]["studs"], start=1):
+        published = paper.get(str(place))
+        rows.append([
+            row["stud"], str(row["alternatives"]),
+            f"[{number(row['lowest_cost'], 2)}, {number(row['highest_cost'], 2)}]",
+            "–" if published is None else str(published[1]),
+            "–" if published is None else f"[{published[2]:g}, {published[3]:g}]",
+        ])  # fmt: skip
+    table = markdown_table(
+        ["stud", "alternatives", "weld cost", "paper: alternatives", "paper: cost"], rows
+    )
+    return table + (
+        "\n\nThe paper's station is another one (its robot, gun and part are not published): the "
+        f"columns stand side by side for the pattern, not stud for stud. {_source()}"
+    )
+
+
+def table_2(result: Result) -> str:
+    """Old sequence (least approximate travel time) against new (least optimal-control cost)."""
+    tables, paper = result["tables"], paper_tables()
+    rows = []
+    for name, ours, theirs in (
+        ("old sequence (time)", tables["time_based"], paper["old_sequence"]),
+        ("new sequence (optimal control)", tables["energy_based"], paper["new_sequence"]),
+    ):
+        rows.append(
+            [name, *(number(ours[key]) for key in ("travel", "welding", "total")),
+             *(number(theirs[key]) for key in ("travel", "welding", "total"))]
+        )  # fmt: skip
+    savings = [
+        [100.0 * (1.0 - new[key] / old[key]) if old[key] else None
+         for key in ("travel", "welding", "total")]
+        for old, new in (
+            (tables["time_based"], tables["energy_based"]),
+            (paper["old_sequence"], paper["new_sequence"]),
+        )
+    ]  # fmt: skip
+    rows.append(["saving %", *(number(x) for x in savings[0]), *(number(x) for x in savings[1])])
+    header = ["", "travel", "welding", "total", "paper: travel", "welding", "total"]
+    totals = tables["time_based_totals"]
+    spread = ""
+    if totals:
+        spread = (
+            f" Sequences of least time tie: of {len(totals)} such sequences the totals range from "
+            f"{number(min(totals))} to {number(max(totals))}; the table shows the median one."
+        )
+    return (
+        markdown_table(header, rows)
+        + f"\n\nThe saving depends on the station and on the old sequence.{spread} {_source()}"
+    )
+
+
+def table_shares(result: Result) -> str:
+    """Per motion: duration, cost and the terms of the cost."""
+    names = ("time", "effort", "velocity")
+    rows, sums = [], dict.fromkeys(names, 0.0)
+    for item in result["motions"]:
+        shares = item["cost_shares"]
+        for name in names:
+            sums[name] += shares.get(name, 0.0)
+        state = item["status"] + (", seed" if item["source"] == "fallback" else "")
+        state += ", certified" if item["certified"] else ""
+        rows.append(
+            [f"{item['key']} {item['from']} → {item['to']}", state, number(item["duration_s"], 2),
+             number(item["cost"], 2), *(number(shares.get(name), 2) for name in names)]
+        )  # fmt: skip
+    total = sum(sums.values())
+    rows.append(
+        ["**all**", "", number(sum(m["duration_s"] or 0.0 for m in result["motions"]), 2),
+         number(total, 2), *(number(sums[name], 2) for name in names)]
+    )  # fmt: skip
+    if total > 0:
+        rows.append(
+            ["**share %**", "", "", "100.0", *(number(100 * sums[n] / total) for n in names)]
+        )
+    header = ["motion", "status", "time s", "J", "J time", "J effort", "J velocity"]
+    cost = result["cost"]
+    weights = ", ".join(f"{key} {value:g}" for key, value in cost.items() if key != "kind")
+    return markdown_table(header, rows) + f"\n\nWeights ({cost['kind']}): {weights}."
+
+
+def provenance_text(result: Result) -> str:
+    """Every tagged value of the robot, the assumed ones first and named as such."""
+    tags = result["robot"]["provenance"]
+    assumed = sorted(key for key, tag in tags.items() if tag == "assumed")
+    known = sorted(key for key, tag in tags.items() if tag != "assumed")
+    lines = [f"Robot {result['robot']['name']}."]
+    if assumed:
+        lines.append(
+            "**Assumed, not measured**: " + ", ".join(assumed) + ". Costs in this file are as good "
+            "as these values."
+        )
+    if not tags:
+        lines.append("The robot file tags none of its values: treat all of them as assumed.")
+    lines += [f"- {key}: {tags[key]}" for key in known]
+    return "\n".join([" ".join(lines[: 2 if assumed or not tags else 1]), "",
+                      *lines[2 if assumed or not tags else 1 :]]).rstrip()  # fmt: skip
+
+
+def _source() -> str:
+    return f"Paper: {paper_tables()['source']}."

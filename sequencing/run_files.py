@@ -1,0 +1,196 @@
+"""The folder of a finished run: written whole, read back as what was planned.
+
+`result.json` is written last and carries the checksum of `motions.npz`, so a folder in which the
+two do not belong together (a run interrupted while it was replacing an older one) is noticed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dmoc.arrays import Array
+from dmoc.errors import Fault, InputError, RobotError
+from dmoc.motion import Motion
+from dmoc.robot import Robot, Tool, load_robot
+from dmoc.status import Status
+from dmoc.trajectory import JointTrajectory
+from sequencing.cycle_types import Cycle, CycleMotion, Weld
+from sequencing.report.tables import tables_markdown
+from sequencing.run_archive import json_text, npz_bytes, sha256_of, write_atomic
+from sequencing.run_csv import motion_csv, motion_file_name
+from sequencing.run_result import SCHEMA_VERSION, result_of
+from sequencing.run_timeline import Timeline, timeline
+
+__all__ = ["Run", "read_run", "write_run"]
+
+_ARRAYS = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run read back: `result` is result.json; motions and welds in order of execution.
+
+    `robot` is rebuilt from the packaged robot that the run names and is None when that robot is
+    not in the package or has changed since (`robot_note` says which); pass one to `read_run`.
+    """
+
+    folder: Path
+    result: Mapping[str, Any]
+    motions: tuple[CycleMotion, ...]
+    welds: tuple[Weld, ...]
+    robot: Robot | None = field(default=None, repr=False)
+    robot_note: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the station."""
+        return str(self.result["name"])
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the n joints in the URDF's order."""
+        return tuple(self.result["robot"]["joint_names"])
+
+    @property
+    def trajectories(self) -> dict[str, JointTrajectory]:
+        """Trajectory of every motion that has one, by key."""
+        found = {item.key: item.motion.trajectory for item in self.motions}
+        return {key: value for key, value in found.items() if value is not None}
+
+    @property
+    def timeline(self) -> Timeline:
+        """Motions and welds on one clock."""
+        return timeline(self.welds, self.motions)
+
+    def limit(self, name: str) -> Array:
+        """A limit (n,) of the robot that was planned with, by its field name in `Robot`."""
+        return np.array(self.result["robot"]["limits"][name], dtype=float)
+
+
+def write_run(cycle: Cycle, out: Path, timing: Mapping[str, Any]) -> None:
+    """Write result.json, timing.json, motions.npz, a CSV per motion and tables.md to `out`.
+
+    Every file is replaced in one step; other files in `out` are left alone, but for CSV files of
+    motions that an earlier run had and this one has not. `timing` (CPU and wall seconds) goes to
+    timing.json only, with the place of the station file: for the same cycle all other files have
+    the same bytes.
+    """
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    arrays: dict[str, Array] = {}
+    names = set()
+    for item in cycle.motions:
+        trajectory = item.motion.trajectory
+        if trajectory is None:
+            continue
+        arrays |= {f"{item.key}/{key}": getattr(trajectory, key) for key in _ARRAYS}
+        name = motion_file_name(item)
+        names.add(name)
+        write_atomic(out / "motions" / name, motion_csv(trajectory, cycle.station.robot))
+    for stale in sorted((out / "motions").glob("m[0-9]*.csv")):
+        if stale.name not in names:
+            stale.unlink()
+    write_atomic(out / "motions.npz", npz_bytes(arrays))
+    write_atomic(
+        out / "timing.json", json_text({"station_source": str(cycle.station.source), **timing})
+    )
+    result = result_of(cycle, {"motions.npz": sha256_of(out / "motions.npz")})
+    write_atomic(out / "tables.md", tables_markdown(result))
+    write_atomic(out / "result.json", json_text(result))
+
+
+def read_run(folder: Path | str, robot: Robot | None = None) -> Run:
+    """The run in `folder`; `robot` replaces the one that the run names.
+
+    Errors: `InputError` (run-missing, run-damaged, run-version, run-mixed, run-motion).
+    """
+    folder = Path(folder)
+    result = _read_result(folder)
+    archive = _read_motions(folder, result)
+    note = ""
+    if robot is None:
+        robot, note = _robot_of(result["robot"])
+    motions = []
+    for entry in result["motions"]:
+        trajectory = None
+        if f"{entry['key']}/t_s" in archive:
+            columns = {name: archive[f"{entry['key']}/{name}"] for name in _ARRAYS}
+            trajectory = JointTrajectory(**columns, robot=robot)
+        motions.append(_motion_of(entry, trajectory))
+    welds = tuple(
+        Weld(w["stud"], int(w["alternative"]), w["q_rad"], w["cost"], w["time_s"])
+        for w in result["welds"]
+    )
+    return Run(folder, MappingProxyType(result), tuple(motions), welds, robot, note)
+
+
+def _read_result(folder: Path) -> dict[str, Any]:
+    path = folder / "result.json"
+    if not path.is_file():
+        raise InputError(
+            Fault("run-missing", file=str(folder), field="result.json",
+                  legal="a folder that a plan or demo command wrote with --out",
+                  fix="plan the station first, or check the path")
+        )  # fmt: skip
+    try:
+        result = json.loads(path.read_text(encoding="utf-8"))
+        version = result["schema_version"]
+        for key in ("name", "robot", "motions", "welds", "files"):
+            result[key]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            Fault("run-damaged", file=str(path), value=f"{type(error).__name__}: {error}",
+                  legal="the result.json of a run", fix="plan the station again")
+        ) from error  # fmt: skip
+    if version != SCHEMA_VERSION:
+        raise InputError(
+            Fault("run-version", file=str(path), field="schema_version", value=str(version),
+                  legal=str(SCHEMA_VERSION), fix="plan the station again with this version")
+        )  # fmt: skip
+    return dict(result)
+
+
+def _read_motions(folder: Path, result: Mapping[str, Any]) -> dict[str, Array]:
+    path = folder / "motions.npz"
+    if not path.is_file() or sha256_of(path) != result["files"].get("motions.npz"):
+        value = "no file" if not path.is_file() else "another checksum than result.json says"
+        raise InputError(
+            Fault("run-mixed", file=str(path), value=value,
+                  legal="the motions.npz that was written with result.json",
+                  fix="plan the station again; finished edges are read from the store")
+        )  # fmt: skip
+    with np.load(path, allow_pickle=False) as archive:
+        return {key: archive[key] for key in archive.files}
+
+
+def _motion_of(entry: Mapping[str, Any], trajectory: JointTrajectory | None) -> CycleMotion:
+    motion = Motion(
+        status=Status(entry["status"]), source=entry["source"], trajectory=trajectory,
+        cost=float("inf") if entry["cost"] is None else entry["cost"],
+        smoothing_cost=entry["smoothing_cost"] or 0.0, iterations=entry["iterations"],
+        max_defect=entry["max_defect"], replay_error_rad=entry["replay_error_rad"],
+        min_clearance_m=entry["min_clearance_m"], certified=entry["certified"],
+        note=entry["note"],
+    )  # fmt: skip
+    return CycleMotion(entry["key"], entry["from"], entry["to"], entry["kind"], motion)
+
+
+def _robot_of(entry: Mapping[str, Any]) -> tuple[Robot | None, str]:
+    try:
+        robot = load_robot(entry["name"])
+    except RobotError:
+        return None, f"robot {entry['name']} is not in the package: torques come from the file"
+    robot = robot.with_base(pin.SE3(np.array(entry["world_from_base"])))
+    robot = robot.with_mass_scale(entry["mass_scale"]).with_tool(Tool(**entry["tool"]))
+    robot = robot.with_payload(entry["payload_kg"]).with_limits(**entry["limits"])
+    if robot.fingerprint != entry["fingerprint"]:
+        return None, f"robot {entry['name']} has changed since: torques come from the file"
+    return robot, ""
