@@ -82,6 +82,7 @@ class Robot:
     provenance: Mapping[str, str]
     allowed_collisions: tuple[tuple[str, str], ...]
     fingerprint: str
+    mass_scale: float = 1.0
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Robot) and self.fingerprint == other.fingerprint
@@ -146,6 +147,10 @@ class Robot:
     def with_base(self, base: pin.SE3) -> Robot:
         """This robot standing at T_world_base."""
         return _assemble(self, base=base)
+
+    def with_mass_scale(self, mass_scale: float) -> Robot:
+        """This robot with every link's mass and inertia multiplied (tool and payload are not)."""
+        return _assemble(self, mass_scale=mass_scale)
 
     def with_limits(self, **limits: Array | float) -> Robot:
         """This robot with other limits (field names of this class, scalars repeat)."""
@@ -290,6 +295,10 @@ def _assemble(robot: Robot, **changes: Any) -> Robot:
     for i, frame in enumerate(model.frames):
         if frame.parentJoint == 0 and i > 0:
             model.frames[i].placement = changed.base * frame.placement
+    if changed.mass_scale != 1.0:
+        for i in range(model.njoints):
+            link, scale = model.inertias[i], changed.mass_scale
+            model.inertias[i] = pin.Inertia(scale * link.mass, link.lever, scale * link.inertia)
     model.armature = np.array(changed.armature_kg_m2)
     frame = model.frames[model.getFrameId(changed.flange)]
     tool = changed.tool

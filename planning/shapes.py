@@ -28,12 +28,23 @@ def pose_matrix(position_m: Any = (0, 0, 0), quaternion_xyzw: Any = (0, 0, 0, 1)
     return matrix
 
 
-@dataclass(frozen=True)
-class Shape:
+class _Pickled:
+    """Arrays come back read-only from a pickle."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape(_Pickled):
     """One solid (or, for `mesh`, one triangle soup) in its body's frame.
 
     `size_m`: box (x, y, z edge lengths); cylinder (radius, length, axis z, centred); sphere
-    (radius,); empty otherwise. `vertices_m` (V, 3) for convex and mesh, `faces` (F, 3) for mesh.
+    (radius,); empty otherwise. `vertices_m` (V, 3) for convex and mesh; `faces` (F, 3) for mesh, and for convex the hull's
+    triangles, where they are known (normals outwards).
     """
 
     kind: Kind
@@ -46,10 +57,14 @@ class Shape:
         object.__setattr__(self, "pose", readonly(self.pose, "shape.pose", ndim=2))
         if self.vertices_m is not None:
             object.__setattr__(self, "vertices_m", readonly(self.vertices_m, "vertices_m", 2))
+        if self.faces is not None:
+            faces = np.array(self.faces, dtype=np.int64)
+            faces.setflags(write=False)
+            object.__setattr__(self, "faces", faces)
 
 
-@dataclass(frozen=True)
-class Body:
+@dataclass(frozen=True, eq=False)
+class Body(_Pickled):
     """A named rigid body: convex `shapes` cover it (distances are measured to them).
 
     `mesh` keeps the original triangles, where there are any (pictures, second opinion, sampled

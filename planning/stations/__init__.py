@@ -1,0 +1,1 @@
+"""Stations of the package: data folders, and the generator that writes them."""
