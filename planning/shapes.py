@@ -43,8 +43,8 @@ class Shape(_Pickled):
     """One solid (or, for `mesh`, one triangle soup) in its body's frame.
 
     `size_m`: box (x, y, z edge lengths); cylinder (radius, length, axis z, centred); sphere
-    (radius,); empty otherwise. `vertices_m` (V, 3) for convex and mesh; `faces` (F, 3) for mesh, and for convex the hull's
-    triangles, where they are known (normals outwards).
+    (radius,); empty otherwise. `vertices_m` (V, 3) for convex and mesh; `faces` (F, 3)
+    for mesh, and for convex the hull's triangles where they are known (normals outwards).
     """
 
     kind: Kind

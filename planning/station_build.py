@@ -240,7 +240,8 @@ def _allowed(
     robot: Robot, bodies: Sequence[Body], obstacles: Sequence[Body], entry: StationFile
 ) -> tuple[tuple[str, str], ...]:
     model = robot.model
-    links = [(f.name, f.parentJoint) for f in model.frames if f.type == pin.FrameType.BODY]
+    shaped = {model.frames[item.parentFrame].name for item in robot.geometry().geometryObjects}
+    links = [(f.name, f.parentJoint) for f in model.frames if f.name in shaped]
     carrier = model.frames[model.getFrameId(robot.flange)].parentJoint
     links += [(body.name, carrier) for body in bodies]
     tools = {body.name for body in bodies}
@@ -253,7 +254,9 @@ def _allowed(
                 pairs.add(tuple(sorted((first, second))))
         if joint == 0:
             pairs |= {tuple(sorted((first, body.name))) for body in obstacles}
-    return tuple(sorted((first, second) for first, second in pairs))
+    known = {name for name, _ in links} | {body.name for body in obstacles}
+    # Links without a shape (frames, flange) can be named but have nothing to check.
+    return tuple(sorted((first, second) for first, second in pairs if {first, second} <= known))
 
 
 def _fingerprint(station: Station) -> str:

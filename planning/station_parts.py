@@ -42,7 +42,7 @@ def build_robot(entry: RobotEntry, folder: Path, refuse: Refuse) -> Robot | None
     """The robot at its base, with the what-if scales applied."""
     if (entry.model is None) == (entry.urdf is None):
         refuse("robot-choice", "both" if entry.model else "neither", "model or urdf",
-               "name a robot of the package (model) or a URDF beside the station (urdf)")  # fmt: skip
+               "name a robot of the package (model) or a URDF beside this file (urdf)")  # fmt: skip
         return None
     if entry.model is not None and entry.model not in available_robots():
         refuse("robot-missing", entry.model, ", ".join(available_robots()),

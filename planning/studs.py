@@ -59,7 +59,7 @@ class Stud:
             object.__setattr__(self, name, value)
 
 
-def read_studs(path: Path, departure: Departure = Departure()) -> tuple[Stud, ...]:  # noqa: B008
+def read_studs(path: Path, departure: Departure = Departure()) -> tuple[Stud, ...]:
     """The studs of a CSV (`id,x_m,y_m,z_m,nx,ny,nz,weld_time_s` and optional columns).
 
     Errors: `InputError` with the faults of all rows (code, line, column, value, legal, fix).

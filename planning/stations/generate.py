@@ -51,7 +51,8 @@ def _gun(offset: float, mass_kg: float) -> str:
 tool:
   # Flange frame: x along joint 6. The tip's +Z points into the part, here along flange -z.
   shapes:
-    - {{name: gun_arm, box_m: [{offset:g}, 0.12, 0.14], pose: {{position_m: [{offset / 2:g}, 0, 0]}}}}
+    - {{name: gun_arm, box_m: [{offset:g}, 0.12, 0.14],
+       pose: {{position_m: [{offset / 2:g}, 0, 0]}}}}
     - {{name: gun_block, box_m: [0.12, 0.14, 0.36], pose: {{position_m: [{offset:g}, 0, -0.05]}}}}
     - {{name: gun_tip, cylinder_m: [0.045, 0.175], pose: {{position_m: [{offset:g}, 0, -0.3175]}},
        touches: true}}

@@ -8,6 +8,8 @@ between two ramps run along cell diagonals and the mesh equals the height field 
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import numpy.typing as npt
 
@@ -114,7 +116,7 @@ def prisms() -> tuple[tuple[str, Array], ...]:
     section = [(1.69, 0.0), (1.77, 0.22), (2.03, 0.22), (2.11, 0.0)]
     # The tunnel carries the cross member, so it is cut where the bell turns from hollow to round.
     inner = [y_lines[0], y_lines[2], y_lines[4], y_lines[-5], y_lines[-3], y_lines[-1]]
-    for number, (low, high) in enumerate(zip(inner[:-1], inner[1:], strict=True)):
+    for number, (low, high) in enumerate(itertools.pairwise(inner)):
         part = (y_lines >= low - 1e-9) & (y_lines <= high + 1e-9)
         y, bump = list(y_lines[part]), list(member[part])
         for name, outline in (

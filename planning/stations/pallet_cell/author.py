@@ -19,7 +19,7 @@ from dmoc.robot import Robot, load_robot
 __all__ = ["BASES", "author", "place_positions"]
 
 HERE = Path(__file__).parent
-RADIUS_M = 2.35
+RADIUS_M = 2.1
 BOX_KG = 45.0
 BASES = {"north": 90.0, "west": 210.0, "east": 330.0}
 SEED_RAD = np.array([0.0, 0.15, 0.1, 0.0, 1.3, 0.0])
@@ -41,8 +41,8 @@ def place_positions(name: str) -> np.ndarray:
     cells = [
         (x, y, layer)
         for layer in range(2)
-        for x in np.linspace(-0.6, 0.6, 5)
-        for y in np.linspace(-0.45, 0.45, 4)
+        for x in np.linspace(-0.5, 0.5, 5)
+        for y in np.linspace(-0.39, 0.39, 4)
     ]
     chosen = cells[turn :: len(BASES)][:13]
     return np.array([[x, y, 0.75 + 0.25 * layer] for x, y, layer in chosen])
@@ -85,13 +85,18 @@ def waypoints(name: str) -> list[tuple[str, np.ndarray, float]]:
     feeder = inverse_kinematics(robot, world(FEEDER_M), aim)
     aim[0] = np.arctan2(READY_M[1], READY_M[0])
     ready = inverse_kinematics(robot, world(READY_M), aim)
-    rows = [("feeder", feeder, 0.0)]
-    for k, place in enumerate(place_positions(name)):
-        aim[0] = 0.0
-        rows.append((f"place_{k:02d}", inverse_kinematics(robot, place, aim), BOX_KG))
-        rows.append(("ready", ready, 0.0))
-        rows.append(("feeder", feeder, 0.0))
-    return rows
+    aim[0] = 0.0
+    places = [inverse_kinematics(robot, place, aim) for place in place_positions(name)]
+    stops: list[tuple[str, np.ndarray, float]] = [("feeder", feeder, 0.0)]
+    for k, place in enumerate(places):
+        stops += [(f"place_{k:02d}", place, BOX_KG), ("ready", ready, 0.0), ("feeder", feeder, 0.0)]
+    late = list(BASES).index(name)
+    # The second robot begins at ready, the third at its first place; all end where they began.
+    if late == 0:
+        return stops
+    if late == 1:
+        return [("ready", ready, 0.0), *stops[:-1]]
+    return [*stops[1:], ("place_00", places[0], BOX_KG)]
 
 
 def author(folder: Path = HERE) -> None:
