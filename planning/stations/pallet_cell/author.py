@@ -19,7 +19,7 @@ from dmoc.robot import Robot, load_robot
 __all__ = ["BASES", "author", "place_positions"]
 
 HERE = Path(__file__).parent
-RADIUS_M = 2.1
+RADIUS_M = 1.85
 BOX_KG = 45.0
 BASES = {"north": 90.0, "west": 210.0, "east": 330.0}
 SEED_RAD = np.array([0.0, 0.15, 0.1, 0.0, 1.3, 0.0])
