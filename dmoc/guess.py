@@ -17,7 +17,7 @@ from dmoc.programme import arm_of
 from dmoc.robot import Robot
 from dmoc.trajectory import JointPath, JointTrajectory
 
-__all__ = ["guess_from_path", "guess_from_trajectory", "straight_guess"]
+__all__ = ["detour_guess", "guess_from_path", "guess_from_trajectory", "straight_guess"]
 
 # A guess keeps this share of the torque limits, so that the interior-point method starts inside.
 TORQUE_SHARE = 0.9
@@ -27,6 +27,17 @@ LONGEST_GUESS_S = 30.0
 def straight_guess(problem: MotionProblem) -> Guess:
     """A quintic time law on the straight joint-space path, at its cheapest duration."""
     return guess_from_path(problem, straight_path(problem))
+
+
+def detour_guess(problem: MotionProblem, rng: np.random.Generator) -> Guess:
+    """The straight line bent to a point drawn near its middle: another start for a local search."""
+    line = straight_path(problem).q_rad
+    middle = len(line) // 2
+    robot = problem.robot
+    spread = 0.3 * np.maximum(np.linalg.norm(line[-1] - line[0]), 0.5)
+    bend = (line[middle - 1] + line[middle]) / 2 + rng.normal(0.0, spread, robot.num_joints)
+    bend = np.clip(bend, robot.q_lower_rad, robot.q_upper_rad)
+    return guess_from_path(problem, JointPath(np.insert(line, middle, bend, axis=0)))
 
 
 def guess_from_path(problem: MotionProblem, path: JointPath) -> Guess:

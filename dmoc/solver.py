@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
-from dmoc.guess import straight_guess
+from dmoc.grids import prolonged
+from dmoc.guess import detour_guess, straight_guess
 from dmoc.motion import Motion, MotionProblem
 from dmoc.nlp import solve_nlp
 from dmoc.nlp_types import DEFAULT_PARAMS, Guess, IpoptParams, NlpSolution
+from dmoc.status import Status
 from dmoc.trajectory import JointTrajectory
 
 __all__ = ["motion_from_solution", "solve"]
+
+COARSE_INTERVALS = 10
+# The coarse grid only starts the fine one, so its last digits are not wanted.
+COARSE_TOLERANCE = 1e-3
+# More iterations than this in all count as a struggle worth another guess.
+SUSPICIOUS_ITERATIONS = 60
+OTHER_GUESSES = 3
 
 
 def solve(
@@ -19,9 +31,28 @@ def solve(
     guess: Guess | None = None,
     seed: int = 0,
 ) -> Motion:
-    """The locally optimal motion of `problem` without obstacles."""
-    start = straight_guess(problem) if guess is None else guess
-    return motion_from_solution(problem, solve_nlp(problem, start, params=params))
+    """The locally optimal motion of `problem` without obstacles.
+
+    Without a guess: the straight joint-space line, on ten intervals first where N ≥ 20. If that
+    fails or looks suspicious (many iterations, or dearer than the guess itself), up to three
+    detours drawn from `seed` are tried and the cheapest motion is kept. Deterministic.
+
+    Expected failure is a status of the motion (`motion.require()` raises it); bad input raised
+    `ProblemError` when the problem was built.
+    """
+    if guess is not None:
+        return motion_from_solution(problem, solve_nlp(problem, guess, params=params))
+    best: NlpSolution | None = None
+    used = 0
+    for start in _guesses(problem, seed):
+        solution = _through_grids(problem, params, start)
+        used += solution.iterations
+        if best is None or _rank(solution) < _rank(best):
+            best = solution
+        if best.status is Status.CONVERGED and solution.iterations <= SUSPICIOUS_ITERATIONS:
+            break
+    assert best is not None
+    return motion_from_solution(problem, replace(best, iterations=used))
 
 
 def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motion:
@@ -36,3 +67,43 @@ def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motio
         smoothing_cost=solution.smoothing_cost, iterations=solution.iterations,
         max_defect=solution.max_defect,
     )  # fmt: skip
+
+
+def _guesses(problem: MotionProblem, seed: int) -> Iterator[Guess]:
+    yield straight_guess(problem)
+    rng = np.random.default_rng(seed)
+    for _ in range(OTHER_GUESSES):
+        yield detour_guess(problem, rng)
+
+
+def _rank(solution: NlpSolution) -> tuple[bool, float]:
+    """Usable before unusable, then cheap before dear."""
+    return (not solution.status.ok, solution.cost + solution.smoothing_cost)
+
+
+def _through_grids(problem: MotionProblem, params: IpoptParams, start: Guess) -> NlpSolution:
+    ends = problem.depart_rad is not None or problem.arrive_rad is not None
+    if problem.num_intervals < 2 * COARSE_INTERVALS or ends:
+        return solve_nlp(problem, start, params=params)
+    coarse = problem.replace(num_intervals=COARSE_INTERVALS)
+    rough = replace(params, tolerance=max(COARSE_TOLERANCE, params.tolerance))
+    first = solve_nlp(coarse, _thinned(start), params=rough)
+    if not first.status.ok:
+        solution = solve_nlp(problem, start, params=params)
+    else:
+        solution = solve_nlp(problem, prolonged(problem, coarse, first), params=params)
+        if not solution.status.ok:
+            first = replace(first, iterations=first.iterations + solution.iterations)
+            solution = solve_nlp(problem, start, params=params)
+    return replace(solution, iterations=first.iterations + solution.iterations)
+
+
+def _thinned(guess: Guess) -> Guess:
+    """The guess on the coarse grid."""
+    many = len(guess.torque_nm)
+    at = np.linspace(0, 1, many + 1)
+    to = np.linspace(0, 1, COARSE_INTERVALS + 1)
+    middle, to_middle = (at[1:] + at[:-1]) / 2, (to[1:] + to[:-1]) / 2
+    q = np.stack([np.interp(to, at, column) for column in guess.q_rad.T], axis=1)
+    u = np.stack([np.interp(to_middle, middle, c) for c in guess.torque_nm.T], axis=1)
+    return Guess(q, u, guess.step_s * many / COARSE_INTERVALS)

@@ -12,7 +12,10 @@ from dmoc.arrays import Array
 from dmoc.motion import MotionProblem
 from dmoc.robot import Robot
 
-__all__ = ["knot_velocities", "mass_matrices", "residuals"]
+__all__ = ["knot_velocities", "mass_matrices", "max_defect", "residuals", "violations"]
+
+# A limit counts as violated beyond this share of itself.
+LIMIT_SLACK = 1e-6
 
 
 def mass_matrices(robot: Robot, q: Array) -> Array:
@@ -47,3 +50,27 @@ def knot_velocities(robot: Robot, q: Array, left: Array, right: Array) -> Array:
     p = np.vstack([-left, right[-1:]])
     p[1:-1] = (p[1:-1] + right[:-1]) / 2
     return np.linalg.solve(mass_matrices(robot, q), p[..., None])[..., 0]
+
+
+def max_defect(problem: MotionProblem, left: Array, right: Array, h: float) -> float:
+    """Largest momentum residual as a fraction of h u_max, from q, u, h alone."""
+    robot = problem.robot
+    ends = mass_matrices(robot, np.stack([problem.start_rad, problem.goal_rad]))
+    first = ends[0] @ problem.start_velocity_rad_s + left[0]
+    last = -(ends[1] @ problem.goal_velocity_rad_s) + right[-1]
+    rows = np.vstack([first, left[1:] + right[:-1], last])
+    return float(np.max(np.abs(rows) / (h * robot.torque_limit_nm)))
+
+
+def violations(problem: MotionProblem, q: Array, h: float) -> dict[str, bool]:
+    """Which families of limits a solution breaks."""
+    robot, most = problem.robot, 1.0 + LIMIT_SLACK
+    v = np.diff(q, axis=0) / h
+    ends = np.vstack(
+        [2 * (v[0] - problem.start_velocity_rad_s), 2 * (problem.goal_velocity_rad_s - v[-1])]
+    )
+    a = np.vstack([np.diff(v, axis=0), ends]) / h
+    return {
+        "velocity": bool(np.any(np.abs(v) > most * robot.velocity_limit_rad_s)),
+        "acceleration": bool(np.any(np.abs(a) > most * robot.acceleration_limit_rad_s2)),
+    }

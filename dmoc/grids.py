@@ -1,0 +1,54 @@
+"""Coarse grid first: a cheap solve tells the duration, the shape and which limits matter."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from dmoc.arrays import Array
+from dmoc.motion import MotionProblem
+from dmoc.nlp import Multipliers
+from dmoc.nlp_types import Guess, NlpSolution
+from dmoc.programme import motion_programme
+
+__all__ = ["prolonged"]
+
+
+def prolonged(problem: MotionProblem, coarse: MotionProblem, solution: NlpSolution) -> Guess:
+    """The solution of `coarse` on the grid of `problem`, multipliers included.
+
+    Knots by the cubic through (q_k, q̇_k), torques linearly. The multipliers of the momentum rows
+    tend to a function of time as h → 0, those of bounds and limits to a density times h.
+    """
+    few, many = coarse.num_intervals, problem.num_intervals
+    at, to = np.linspace(0, 1, few + 1), np.linspace(0, 1, many + 1)
+    at_middle, to_middle = (at[1:] + at[:-1]) / 2, (to[1:] + to[:-1]) / 2
+    duration = solution.step_s * few
+    q = CubicHermiteSpline(at, solution.q_rad, solution.velocity_rad_s * duration)(to)
+    q = np.clip(q, problem.robot.q_lower_rad, problem.robot.q_upper_rad)
+    torque = _between(solution.torque_nm, at_middle, to_middle)
+    step = duration / many
+    if not isinstance(solution.multipliers, Multipliers):
+        return Guess(q, torque, step)
+    families = solution.multipliers.families
+    source, target = motion_programme(coarse, families), motion_programme(problem, families)
+    bounds = np.zeros(target.programme.num_variables)
+    rows = np.zeros(target.programme.num_rows)
+    given, share = solution.multipliers, few / many
+    old, new = source.layout, target.layout
+    knots = share * _between(given.bounds[old.knots()], at, to)
+    knots[[0, -1]] = 0.0
+    bounds[new.knots()] = knots
+    bounds[new.torques()] = share * _between(given.bounds[old.torques()], at_middle, to_middle)
+    for name, place in target.rows.items():
+        values = given.rows[source.rows[name]]
+        if name == "half_spaces":
+            continue
+        on_knots = len(values) == few + 1
+        values = _between(values, at, to) if on_knots else _between(values, at_middle, to_middle)
+        rows[place] = values if name == "momentum" else share * values
+    return Guess(q, torque, step, Multipliers(bounds, rows, families))
+
+
+def _between(values: Array, at: Array, to: Array) -> Array:
+    return np.stack([np.interp(to, at, column) for column in values.T], axis=1)
