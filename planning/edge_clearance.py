@@ -17,7 +17,7 @@ from planning.kernels.scene import reach_batch
 if TYPE_CHECKING:
     from planning.world import CollisionWorld
 
-__all__ = ["EdgeClearance"]
+__all__ = ["DepartureLine", "EdgeClearance"]
 
 
 class EdgeClearance:
@@ -57,9 +57,9 @@ class EdgeClearance:
         scene = self.world.scene
         near = scene.near(scene.rows_of(q_rad), cap_m, self.scope)
         return Rows(
-            knot=near.index[:, 0].copy(), distance_m=near.values[:, 0].copy(),
+            knot=near.which[:, 0].copy(), distance_m=near.values[:, 0].copy(),
             gradient=near.values[:, 10:].copy(),
-            pair=tuple(self.world.pair_of(m) for m in near.index[:, 1]),
+            pair=tuple(self.world.pair_of(m) for m in near.which[:, 1]),
         )  # fmt: skip
 
     def certify(self, trajectory: JointTrajectory) -> Certificate:

@@ -16,6 +16,7 @@ from planning.engines.base import Engine, PairDistance
 from planning.engines.coal_engine import CoalEngine
 from planning.engines.fcl_engine import FclEngine
 from planning.kernels import scene as kernels
+from planning.kernels.contact import first_contacts, segment_contact
 from planning.kernels.gjk import SOLVED
 from planning.packed import pack_chain, pack_pairs, pack_solids
 from planning.pairs import checked_pairs
@@ -36,11 +37,11 @@ class Scope(NamedTuple):
 
 
 class NearRows(NamedTuple):
-    """Pairs nearer than a cap: `index` (R, 3) configuration, pair, status; `values` (R, 10 + n)
+    """Pairs nearer than a cap: `which` (R, 3) configuration, pair, status; `values` (R, 10 + n)
     distance, nearest points (3 + 3), normal (3), gradient (n).
     """
 
-    index: npt.NDArray[np.int64]
+    which: npt.NDArray[np.int64]
     values: Array
 
 
@@ -87,6 +88,15 @@ class Scene:
         )
         self.pose[:, 12:] = self.solids.frame[:, 9:12] + centres
         self.everything = self.scope(())
+        self.lever_m = self._levers(robot)
+
+    def _levers(self, robot: Robot) -> Array:
+        """Mean reach of every joint [m]: how far a turn of it moves the arm, for step sizes."""
+        rng = np.random.default_rng(0)
+        q = rng.uniform(robot.q_lower_rad, robot.q_upper_rad, (64, robot.num_joints))
+        reach, weight = np.empty(q.shape), np.empty(q.shape)
+        kernels.reach_batch(self.chain, self.solids, self.pose, self.moving, q, reach, weight)
+        return np.maximum(reach.mean(axis=0), 1e-3)
 
     def scope(self, lines: Sequence[DepartureLine]) -> Scope:
         """What the given departure lines exempt. Errors: `InputError` for an unknown part."""
@@ -121,11 +131,34 @@ class Scene:
         if self.engine_name != "native":
             return self._engine_contacts(q, inflation_m, scope)
         first = np.empty(len(q), dtype=np.int64)
-        kernels.first_contacts(
+        first_contacts(
             self.chain, self.solids, self.pairs, self.pose, self.moving, q, inflation_m,
             self.tip, scope.lines, scope.exempt, first,
         )  # fmt: skip
         return first
+
+    def segment_contact(
+        self, q0: Array, q1: Array, step_m: float, inflation_m: float, scope: Scope
+    ) -> int:
+        """Index of a piece pair that touches on the segment q0 → q1, or −1.
+
+        The points are so close that a typical robot point moves `step_m` between two of them:
+        a planner's check, not a proof.
+        """
+        parts = max(1, int(np.ceil(float(np.abs(q1 - q0) @ self.lever_m) / step_m)))
+        if self.engine_name == "native":
+            return int(
+                segment_contact(
+                    self.chain, self.solids, self.pairs, self.pose, self.moving, q0, q1, parts,
+                    inflation_m, self.tip, scope.lines, scope.exempt,
+                )
+            )  # fmt: skip
+        t = np.linspace(0.0, 1.0, parts + 1)[1:, None]
+        for q in q0 + t * (q1 - q0):
+            hit = int(self.first_contacts(q[None], inflation_m, scope)[0])
+            if hit >= 0:
+                return hit
+        return -1
 
     def smallest(self, q: Array, cap_m: float, scope: Scope) -> tuple[Array, npt.NDArray[np.int64]]:
         """Smallest distance (K,) capped at `cap_m` and its piece pair (K,), −1 for none."""
@@ -139,7 +172,7 @@ class Scene:
         if np.any(deep):
             where = np.flatnonzero(deep)
             near = self.near(q[where], cap_m, scope)
-            for (k, m, _), value in zip(near.index, near.values[:, 0]):
+            for (k, m, _), value in zip(near.which, near.values[:, 0]):
                 if pair[where[k]] < 0 or value < phi[where[k]]:
                     phi[where[k]], pair[where[k]] = value, m
         return phi, pair

@@ -92,8 +92,12 @@ def prove(
     smallest distance bound met. Each pair is reported once an interval; the search ends at
     `max_failures`.
     """
+    # Arrays taken out of their tuples once: inside the loops each access would count references.
+    info, size, verts = solids.info, solids.size, solids.verts
+    near_start, near = solids.near_start, solids.near
+    piece, surplus = pairs.piece, pairs.extra
     num_intervals, n = bezier.shape[0], bezier.shape[2]
-    count = pairs.piece.shape[0]
+    count = piece.shape[0]
     joints = np.empty((chain.info.shape[0], 15))
     q, delta = np.empty(n), np.empty(n)
     reach = np.zeros((pose.shape[0], n))
@@ -121,10 +125,10 @@ def prove(
             width = 0.5**depth
             _middle_and_spread(bezier[i], lo, lo + width, q, delta)
             joint_poses(chain.info, chain.frame, q, joints)
-            place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+            place_pieces(joints, info, solids.frame, size, moving, pose)
             for p in range(moving):
                 reach_of_piece(
-                    joints, chain.info, chain.above, solids.info[p, 0], pose, solids.size, p,
+                    joints, chain.info, chain.above, info[p, 0], pose, size, p,
                     reach[p],
                 )  # fmt: skip
             for k in range(lines.shape[0]):
@@ -144,19 +148,19 @@ def prove(
                         skip = True
                 if skip:
                     continue
-                a, b = pairs.piece[m, 0], pairs.piece[m, 1]
+                a, b = piece[m, 0], piece[m, 1]
                 motion = _relative_motion(
-                    chain.above, solids.info[a, 0], solids.info[b, 0], reach[a], reach[b], delta
+                    chain.above, info[a, 0], info[b, 0], reach[a], reach[b], delta
                 )
-                must = tracking + pairs.extra[m] + ROUNDING_M
+                must = tracking + surplus[m] + ROUNDING_M
                 need = must + motion
-                if outer_bound(pose, solids.size, a, b) > need:
+                if outer_bound(pose, size, a, b) > need:
                     continue
                 status = gjk(
-                    solids.info, solids.size, solids.verts, solids.near_start, solids.near, pose,
+                    info, size, verts, near_start, near, pose,
                     a, b, axes[m], need, -1e300, s, out,
                 )  # fmt: skip
-                smallest = min(smallest, out[0] - pairs.extra[m])
+                smallest = min(smallest, out[0] - surplus[m])
                 if status == FAR or out[7] > need:
                     continue
                 touching = out[0] <= must

@@ -22,7 +22,10 @@ from planning.kernels.kinematics import (
     weight_of_piece,
 )
 
-__all__ = ["first_contacts", "near_pairs", "reach_batch", "smallest_distances", "tube_stray"]
+__all__ = [
+    "candidate_pairs", "engine_rows", "near_pairs", "poses_at", "reach_batch",
+    "smallest_distances", "tips_at", "tube_stray",
+]  # fmt: skip
 
 
 @kernel
@@ -60,53 +63,10 @@ def inside_tubes(joints: Any, tip: Any, lines: Any, inside: Any) -> None:
 @kernel
 def skipped(exempt: Any, inside: Any, m: int) -> bool:
     """Whether pair m is ignored by one of the tubes that the tip is in."""
-    for k in range(exempt.shape[0]):
+    for k in range(exempt.shape[0]):  # noqa: SIM110 (numba compiles no any() of a generator)
         if inside[k] and exempt[k, m]:
             return True
     return False
-
-
-@kernel
-def first_contacts(
-    chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, inflation: float,
-    tip: Any, lines: Any, exempt: Any, first: Any,
-) -> None:  # fmt: skip
-    """first[k] = index of a pair not proven farther than `inflation` at q[k], or −1.
-
-    NaN in q counts as contact (pair 0). A pair that touches is looked for first in the next
-    configuration, which changes only which of several is named.
-    """
-    joints = np.empty((chain.info.shape[0], 15))
-    s, out, axis = np.empty((4, 15)), np.empty(8), np.empty(3)
-    inside = np.zeros(lines.shape[0], dtype=np.bool_)
-    count = pairs.piece.shape[0]
-    for k in range(q.shape[0]):
-        first[k] = -1
-        bad = False
-        for j in range(q.shape[1]):
-            if not np.isfinite(q[k, j]):
-                bad = True
-        if bad:
-            first[k] = 0
-            continue
-        joint_poses(chain.info, chain.frame, q[k], joints)
-        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
-        inside_tubes(joints, tip, lines, inside)
-        for m in range(count):
-            a, b = pairs.piece[m, 0], pairs.piece[m, 1]
-            limit = inflation + pairs.extra[m]
-            if outer_bound(pose, solids.size, a, b) > limit:
-                continue
-            if skipped(exempt, inside, m):
-                continue
-            axis[0] = axis[1] = axis[2] = 0.0
-            status = gjk(
-                solids.info, solids.size, solids.verts, solids.near_start, solids.near, pose,
-                a, b, axis, limit, limit, s, out,
-            )  # fmt: skip
-            if status != FAR and out[7] <= limit:
-                first[k] = m
-                break
 
 
 @kernel
@@ -119,20 +79,24 @@ def smallest_distances(
     deep[k] is set where some pair overlaps or is undecided: there phi is only an upper bound and
     an engine has to measure.
     """
+    # Arrays taken out of their tuples once: inside the loops each access would count references.
+    info, size, verts = solids.info, solids.size, solids.verts
+    near_start, near = solids.near_start, solids.near
+    piece, surplus = pairs.piece, pairs.extra
     joints = np.empty((chain.info.shape[0], 15))
     s, out = np.empty((4, 15)), np.empty(8)
-    count = pairs.piece.shape[0]
+    count = piece.shape[0]
     axes, bound, order = np.zeros((count, 3)), np.empty(count), np.empty(count, dtype=np.int64)
     inside = np.zeros(lines.shape[0], dtype=np.bool_)
     for k in range(q.shape[0]):
         joint_poses(chain.info, chain.frame, q[k], joints)
-        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+        place_pieces(joints, info, solids.frame, size, moving, pose)
         inside_tubes(joints, tip, lines, inside)
         phi[k], nearest[k], deep[k] = cap, -1, False
         found = 0
         for m in range(count):
-            lowest = outer_bound(pose, solids.size, pairs.piece[m, 0], pairs.piece[m, 1])
-            lowest -= pairs.extra[m]
+            lowest = outer_bound(pose, size, piece[m, 0], piece[m, 1])
+            lowest -= surplus[m]
             if lowest >= cap or skipped(exempt, inside, m):
                 continue
             # Insertion by bound: the nearest pair first makes the others stop early.
@@ -146,10 +110,10 @@ def smallest_distances(
             if bound[i] >= phi[k]:
                 break
             m = order[i]
-            extra = pairs.extra[m]
+            extra = surplus[m]
             status = gjk(
-                solids.info, solids.size, solids.verts, solids.near_start, solids.near, pose,
-                pairs.piece[m, 0], pairs.piece[m, 1], axes[m], phi[k] + extra, -1e300, s, out,
+                info, size, verts, near_start, near, pose,
+                piece[m, 0], piece[m, 1], axes[m], phi[k] + extra, -1e300, s, out,
             )  # fmt: skip
             if status == FAR:
                 continue
@@ -170,35 +134,39 @@ def near_pairs(
     normal from a to b (3), gradient n·(∂b/∂q − ∂a/∂q) (n,). Returns the number of rows there are;
     rows beyond the room given are only counted.
     """
+    # Arrays taken out of their tuples once: inside the loops each access would count references.
+    info, size, verts = solids.info, solids.size, solids.verts
+    near_start, near = solids.near_start, solids.near
+    piece, surplus = pairs.piece, pairs.extra
     joints = np.empty((chain.info.shape[0], 15))
     s, out = np.empty((4, 15)), np.empty(8)
-    count = pairs.piece.shape[0]
+    count = piece.shape[0]
     axes = np.zeros((count, 3))
     inside = np.zeros(lines.shape[0], dtype=np.bool_)
     rows = 0
     for k in range(q.shape[0]):
         joint_poses(chain.info, chain.frame, q[k], joints)
-        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+        place_pieces(joints, info, solids.frame, size, moving, pose)
         inside_tubes(joints, tip, lines, inside)
         for m in range(count):
-            a, b = pairs.piece[m, 0], pairs.piece[m, 1]
-            limit = cap + pairs.extra[m]
-            if outer_bound(pose, solids.size, a, b) >= limit or skipped(exempt, inside, m):
+            a, b = piece[m, 0], piece[m, 1]
+            limit = cap + surplus[m]
+            if outer_bound(pose, size, a, b) >= limit or skipped(exempt, inside, m):
                 continue
             status = gjk(
-                solids.info, solids.size, solids.verts, solids.near_start, solids.near, pose,
+                info, size, verts, near_start, near, pose,
                 a, b, axes[m], limit, -1e300, s, out,
             )  # fmt: skip
             if status == FAR:
                 continue
             if rows < index.shape[0]:
                 index[rows, 0], index[rows, 1], index[rows, 2] = k, m, status
-                values[rows, 0] = out[0] - pairs.extra[m]
+                values[rows, 0] = out[0] - surplus[m]
                 for c in range(6):
                     values[rows, 1 + c] = out[1 + c]
                 for c in range(3):
                     values[rows, 7 + c] = -axes[m, c]
-                contact_gradient(chain, joints, solids.info[a, 0], solids.info[b, 0], values[rows])
+                contact_gradient(chain, joints, info[a, 0], info[b, 0], values[rows])
             rows += 1
     return rows
 
@@ -271,15 +239,18 @@ def candidate_pairs(
     tip: Any, lines: Any, exempt: Any, chosen: Any,
 ) -> int:  # fmt: skip
     """Pairs at one q (n,) whose balls and boxes come nearer than `cap`; leaves the poses behind."""
+    # Arrays taken out of their tuples once: inside the loops each access would count references.
+    info, size = solids.info, solids.size
+    piece, surplus = pairs.piece, pairs.extra
     joints = np.empty((chain.info.shape[0], 15))
     inside = np.zeros(lines.shape[0], dtype=np.bool_)
     joint_poses(chain.info, chain.frame, q, joints)
-    place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+    place_pieces(joints, info, solids.frame, size, moving, pose)
     inside_tubes(joints, tip, lines, inside)
     count = 0
-    for m in range(pairs.piece.shape[0]):
-        bound = outer_bound(pose, solids.size, pairs.piece[m, 0], pairs.piece[m, 1])
-        if bound >= cap + pairs.extra[m] or skipped(exempt, inside, m):
+    for m in range(piece.shape[0]):
+        bound = outer_bound(pose, size, piece[m, 0], piece[m, 1])
+        if bound >= cap + surplus[m] or skipped(exempt, inside, m):
             continue
         chosen[count] = m
         count += 1

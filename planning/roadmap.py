@@ -1,0 +1,189 @@
+"""One collision-free path, by OMPL's RRTConnect and shortcuts; the only importer of ompl."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from ompl import base as ob
+from ompl import geometric as og
+from ompl import util as ou
+
+from dmoc.arrays import Array
+from dmoc.status import Status
+from dmoc.trajectory import JointPath
+from planning.certificate import prove_path
+from planning.edge_clearance import EdgeClearance
+from planning.shortcut import shortcut
+
+if TYPE_CHECKING:
+    from planning.world import CollisionWorld
+
+__all__ = ["PathResult", "plan_path"]
+
+ou.setLogLevel(ou.LOG_NONE)
+
+RANGE_M = 1.5
+
+
+@dataclass(frozen=True)
+class PathResult:
+    """A path or the reason why there is none.
+
+    `status` is converged, in_collision (`pair` touches at the end that `note` names) or no_path
+    (budget used up; also with a limit violated, see `note`). `checks` counts segment checks and
+    `iterations` the planner's own.
+    """
+
+    status: Status
+    path: JointPath | None
+    pair: tuple[str, str] | None = None
+    note: str = ""
+    iterations: int = 0
+    checks: int = 0
+
+
+def plan_path(
+    clearance: EdgeClearance | CollisionWorld,
+    start_rad: Array,
+    goal_rad: Array,
+    *,
+    seed: int,
+    inflation_m: float = 0.02,
+    max_iterations: int = 4000,
+    attempts: int = 3,
+    shortcut_tries: int = 80,
+    step_m: float | None = None,
+) -> PathResult:
+    """A path from start to goal (n,) on which all bodies stay farther apart than proven.
+
+    The straight segment first; then RRTConnect (Kuffner and LaValle 2000) on obstacles grown by
+    `inflation_m`, then shortcuts. Where an end itself is nearer than that, the inflation shrinks
+    to 0.8 of its distance, so that narrow ends stay reachable. Every segment of the result is
+    proven free (by more than the clearance's tracking error, see `planning.certificate`); where
+    the proof fails the next attempt checks twice as finely. Stops by iterations: each attempt has
+    `max_iterations` of the planner. `step_m` is how far a typical robot point may move between
+    two checked points (default: 1.5 times the inflation, at least 1 cm). Joint coordinates are
+    scaled by the joints' mean reach, so that the planner's metric is in metres.
+    """
+    edge = clearance if isinstance(clearance, EdgeClearance) else clearance.clearance()
+    world = edge.world
+    start, goal = (world.scene.rows_of(q)[0].copy() for q in (start_rad, goal_rad))
+    robot = world.robot
+    for name, q in (("start", start), ("goal", goal)):
+        outside = (q < robot.q_lower_rad - 1e-9) | (q > robot.q_upper_rad + 1e-9)
+        if np.any(outside):
+            joint = int(np.flatnonzero(outside)[0])
+            return PathResult(
+                Status.NO_PATH, None,
+                note=f"{name}: joint {joint + 1} at {q[joint]:.4f} rad is outside "
+                f"[{robot.q_lower_rad[joint]:.4f}, {robot.q_upper_rad[joint]:.4f}]",
+            )  # fmt: skip
+        pair = edge.collide(q, edge.tracking_error_m)
+        if pair is not None:
+            return PathResult(Status.IN_COLLISION, None, pair, f"{name} in collision")
+    inflation = min(inflation_m, 0.8 * float(edge.phi(np.stack([start, goal])).min()))
+    inflation = max(inflation, edge.tracking_error_m)
+    step = max(0.01, 1.5 * inflation) if step_m is None else step_m
+    iterations = checks = 0
+    for attempt in range(attempts):
+        search = _Search(edge, inflation, step * 0.5**attempt)
+        found = search.run(start, goal, seed + attempt, max_iterations)
+        iterations += search.iterations
+        if found is not None:
+            short = shortcut(
+                found, search.is_free, scale=world.scene.lever_m, tries=shortcut_tries,
+                seed=seed + attempt,
+            )  # fmt: skip
+            checks += search.checks
+            for path in (short, found):
+                if prove_path(edge, path):
+                    return PathResult(
+                        Status.CONVERGED, JointPath(path), iterations=iterations, checks=checks
+                    )
+        else:
+            checks += search.checks
+    return PathResult(
+        Status.NO_PATH, None, note=f"no path within {attempts} attempts of {max_iterations} "
+        f"iterations at {1e3 * inflation:.1f} mm inflation", iterations=iterations, checks=checks,
+    )  # fmt: skip
+
+
+class _Search:
+    """One run of RRTConnect; counts what it asks."""
+
+    def __init__(self, edge: EdgeClearance, inflation_m: float, step_m: float) -> None:
+        self.edge, self.scene = edge, edge.world.scene
+        self.inflation_m, self.step_m = inflation_m, step_m
+        self.iterations = self.checks = 0
+
+    def is_free(self, q0: Array, q1: Array) -> bool:
+        """Whether the checked points of a segment are free."""
+        self.checks += 1
+        hit = self.scene.segment_contact(q0, q1, self.step_m, self.inflation_m, self.edge.scope)
+        return hit < 0
+
+    def run(self, start: Array, goal: Array, seed: int, max_iterations: int) -> Array | None:
+        """Knots (K, n) of an exact solution, or None."""
+        if self.is_free(start, goal):
+            return np.stack([start, goal])
+        robot, scale = self.edge.world.robot, self.scene.lever_m
+        n = robot.num_joints
+        space = ob.RealVectorStateSpace(n)
+        bounds = ob.RealVectorBounds(n)
+        for j in range(n):
+            # The ends may lie on a limit: leave room for the rounding of the scaling.
+            bounds.setLow(j, float(robot.q_lower_rad[j] * scale[j]) - 1e-9)
+            bounds.setHigh(j, float(robot.q_upper_rad[j] * scale[j]) + 1e-9)
+        space.setBounds(bounds)
+        information = ob.SpaceInformation(space)
+
+        def valid(state: ob.State) -> bool:
+            q = np.array(state[0:n]) / scale
+            return bool(
+                self.scene.first_contacts(q[None], self.inflation_m, self.edge.scope)[0] < 0
+            )
+
+        def motion(first: ob.State, second: ob.State) -> bool:
+            return self.is_free(np.array(first[0:n]) / scale, np.array(second[0:n]) / scale)
+
+        def enough() -> bool:
+            self.iterations += 1
+            return self.iterations > max_iterations
+
+        information.setStateValidityChecker(valid)
+        information.setMotionValidator(_Motions(information, motion))
+        information.setup()
+        # OMPL's generators are global: seeding before each query makes it repeatable.
+        ou.RNG.setSeed(seed % (2**31 - 1) + 1)
+        problem = ob.ProblemDefinition(information)
+        ends = [information.allocState(), information.allocState()]
+        for state, q in zip(ends, (start, goal)):
+            for j in range(n):
+                state[j] = float(q[j] * scale[j])
+        problem.setStartAndGoalStates(ends[0], ends[1], 1e-9)
+        planner = og.RRTConnect(information)
+        planner.setRange(RANGE_M)
+        planner.setProblemDefinition(problem)
+        planner.setup()
+        status = planner.solve(ob.PlannerTerminationCondition(enough))
+        # The status is also truthy for an approximate solution.
+        if status.getStatus() != ob.PlannerStatus.EXACT_SOLUTION:
+            return None
+        states = problem.getSolutionPath().getStates()
+        path = np.array([state[0:n] for state in states]) / scale
+        path[0], path[-1] = start, goal
+        return np.clip(path, robot.q_lower_rad, robot.q_upper_rad)
+
+
+class _Motions(ob.MotionValidator):
+    """Segment checks in one compiled call each."""
+
+    def __init__(self, information: ob.SpaceInformation, check: object) -> None:
+        super().__init__(information)
+        self._check = check
+
+    def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:
+        """Whether the segment is free."""
+        return self._check(first, second)  # type: ignore[operator]
