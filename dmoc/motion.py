@@ -14,7 +14,7 @@ from dmoc.robot import Robot
 from dmoc.status import Status
 from dmoc.trajectory import JointPath, JointTrajectory
 
-__all__ = ["Motion", "MotionNotSolved", "MotionProblem"]
+__all__ = ["Motion", "MotionNotSolved", "MotionProblem", "Replay"]
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,23 @@ class MotionProblem:
 
 
 @dataclass(frozen=True)
+class Replay:
+    """What an independent simulation of a motion found (`dmoc.replay_motion`).
+
+    `window_error_rad` (W, n): joint errors after every window of `window_intervals` intervals that
+    started from the motion's own state; `tracking_error_rad` the largest joint error at a knot in
+    closed loop; `open_loop_error_rad` at the end of the whole motion without feedback; `cost` the
+    cost of the interpolant with the torques that it needs.
+    """
+
+    window_error_rad: Array
+    window_intervals: int
+    tracking_error_rad: float
+    open_loop_error_rad: float
+    cost: float
+
+
+@dataclass(frozen=True)
 class Motion:
     """What a solve found.
 
@@ -118,6 +135,7 @@ class Motion:
     min_clearance_m: float | None = None
     certified: bool | None = None
     note: str = ""
+    replay: Replay | None = None
 
     @property
     def duration_s(self) -> float:

@@ -74,7 +74,7 @@ def motion_programme(problem: MotionProblem, families: Families) -> MotionProgra
     robot = problem.robot
     kind = type(problem.cost).__name__
     drive = "" if kind == "Cost" else repr(sorted(robot.drive.items()))
-    physics = (arm_of(robot).fingerprint, kind, drive)
+    physics = (robot.fingerprint, kind, drive)
     if physics not in _STAGES:
         _STAGES[physics] = StageSet((dynamics_stage(arm_of(robot), False), _cost_stage(problem)))
     backend = _STAGES[physics].current()

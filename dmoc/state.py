@@ -21,8 +21,9 @@ LIMIT_SLACK = 1e-6
 def mass_matrices(robot: Robot, q: Array) -> Array:
     """M(q) (K, n, n) [kg·m²], rotor armature included, for rows of q (K, n)."""
     data = robot.model.createData()
-    upper = np.array([np.triu(pin.crba(robot.model, data, row)) for row in q])
-    return upper + np.triu(upper, 1).transpose(0, 2, 1)
+    upper = np.array([pin.crba(robot.model, data, row) for row in q])
+    lower = np.tri(robot.num_joints, k=-1, dtype=bool)
+    return np.where(lower, upper.transpose(0, 2, 1), upper)
 
 
 def residuals(problem: MotionProblem, q: Array, torque: Array, h: float) -> tuple[Array, Array]:
