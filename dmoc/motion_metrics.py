@@ -10,9 +10,9 @@ Every metric is the time integral of a rate that depends on q̇, q̈, the jerk a
     acceleration  sum of q̈² [rad²/s³]
     jerk          sum of jerk² [rad²/s⁵]
 
-i·V multiplies the **motor's** current by the **bus** voltage V, which is not a power: the drive is a
-chopper that takes i·(its duty cycle) from the bus. The two agree only at full duty, so the paper's
-figures are those of its metric, not of a wattmeter.
+i·V multiplies the *motor's* current by the *bus* voltage V, which is not a power: the drive is a
+chopper that takes i times its duty cycle from the bus. Both agree only at full duty, so figures in
+this metric are not those of a wattmeter.
 """
 
 from __future__ import annotations

@@ -1,0 +1,106 @@
+"""The UR3 paper's particle swarm over Bézier control points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from dmoc.arrays import Array
+from dmoc.bezier_problem import BezierProblem, BezierResult, Evaluator, metric_values
+from dmoc.swarm import Swarm, SwarmParams
+
+__all__ = ["PAPER_SWARM", "Forbidden", "swarm_bezier"]
+
+#: Table 1 of the paper.
+PAPER_SWARM = SwarmParams(
+    particles=30, iterations=250, inertia=0.810, cognitive=0.495, social=0.724, max_step=1.0
+)
+#: The paper's velocity boundaries [rad per iteration] of Δ_1, Δ_5 and of Δ_2, Δ_3, Δ_4.
+END_STEP_RAD, FREE_STEP_RAD = 0.1, 0.2
+
+#: Particles that break a limit or touch something cost this much and more, as the paper advises.
+PENALTY = 1e6
+
+#: Which of sampled curves q (P, K, n) touch something: (P,).
+Forbidden = Callable[[Array], npt.NDArray[np.bool_]]
+
+
+class _SteppedSwarm(Swarm):
+    """A swarm whose steps have a bound for every coordinate and end at the walls."""
+
+    def __init__(
+        self, lower: Array, upper: Array, seed: int, params: SwarmParams, start: Array, step: Array
+    ) -> None:
+        super().__init__(lower, upper, seed, params, start)
+        self._step = step
+        self._v = step * (2.0 * self._rng.random(self._x.shape) - 1.0)
+
+    def promising(self, values: Array) -> npt.NDArray[np.bool_]:
+        """Which of the points asked for would improve on their particle's best (m,)."""
+        return np.asarray(values < self._own_value[self._asked])
+
+    def _move(self) -> None:
+        p, shape = self.params, self._x.shape
+        pull = p.cognitive * self._rng.random(shape) * (self._own_x - self._x)
+        pull += p.social * self._rng.random(shape) * (self.best_x - self._x)
+        self._v = np.clip(p.inertia * self._v + pull, -self._step, self._step)
+        reached = self._x + self._v
+        self._x = np.clip(reached, self.lower, self.upper)
+        self._v[self._x != reached] = 0.0
+
+
+def swarm_bezier(
+    problem: BezierProblem,
+    seed: int,
+    params: SwarmParams = PAPER_SWARM,
+    forbidden: Forbidden | None = None,
+    spread_rad: float = 0.5,
+    callback: Callable[[int, float], None] | None = None,
+) -> BezierResult:
+    """Minimise the problem's metric over its five inner control points with a particle swarm.
+
+    The swarm starts around the straight line: free points uniform within `spread_rad` of it, their
+    neighbours within the problem's `end_range_rad`; one particle is the straight line itself.
+    Steps are at most 0.1 rad and 0.2 rad (Table 1). Curves that exceed a limit, or of which
+    `forbidden` says that they touch something, are penalised. `forbidden` is asked only about
+    curves that would otherwise improve on their particle's best: others change nothing.
+    """
+    evaluator = Evaluator(problem)
+    lower, upper = problem.bounds
+    n = problem.robot.num_joints
+    rng = np.random.default_rng([seed, 1])
+    reach = np.repeat([problem.end_range_rad, *[spread_rad] * 3, problem.end_range_rad], n)
+    offsets = reach * (2.0 * rng.random((params.particles, 5 * n)) - 1.0)
+    offsets[0] = 0.0
+    start = np.clip(problem.straight + offsets, lower, upper)
+    step = np.repeat([END_STEP_RAD, *[FREE_STEP_RAD] * 3, END_STEP_RAD], n)
+    swarm = _SteppedSwarm(lower, upper, seed, params, start, step)
+    history = np.empty(params.iterations)
+    for k in range(params.iterations):
+        points = swarm.ask()
+        cost, excess = evaluator.evaluate(points)
+        values = np.where(excess > 0, PENALTY * (1.0 + excess), cost)
+        if forbidden is not None:
+            asked = np.flatnonzero(swarm.promising(values) & (excess <= 0))
+            if asked.size:
+                hit = asked[forbidden(evaluator.curves(points[asked]))]
+                values[hit] = PENALTY
+        swarm.tell(values)
+        history[k] = swarm.best_value if swarm.best_value < PENALTY else np.inf
+        if callback is not None:
+            callback(k, float(history[k]))
+    motion = problem.motion(swarm.best_x)
+    limits = motion.limit_use(problem.robot)
+    legal = bool(swarm.best_value < PENALTY)
+    return BezierResult(
+        motion=motion,
+        value=metric_values(motion, problem.robot, (problem.metric,))[problem.metric],
+        feasible=legal and max(limits.values()) <= 1.0,
+        limits=limits,
+        evaluations=swarm.evaluations,
+        gradients=0,
+        history=history,
+        note="" if legal else "no particle found a legal motion",
+    )
