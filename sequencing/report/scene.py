@@ -26,8 +26,10 @@ __all__ = ["scene_html", "write_scene"]
 _TOOL = (70, 74, 82)
 _PART = (168, 178, 190)
 _CLAMP = (205, 160, 60)
+_GROUND = (236, 238, 240)
 _DONE = (60, 165, 90)
 _UNUSED = (130, 130, 130)
+_FIELD_OF_VIEW_RAD = 0.7
 
 
 def write_scene(station: Station, line: Timeline, path: Path, title: str = "") -> Path:
@@ -54,8 +56,11 @@ def scene_html(
         scene.set_up_direction("+z")
         heads = _draw_station(scene, station, line)
         joints = _draw_robot(scene, station.robot, station.tool_bodies)
-        _set_camera(server, station)
-        caption = scene.add_label("/caption", title, position=_caption_place(station.robot))
+        low, high = _extent(station)
+        _set_camera(server, low, high)
+        # On the floor between camera and station, where nothing hides it.
+        place = (float(low[0] + high[0]) / 2, float(low[1]) - 0.25, 0.0)
+        caption = scene.add_label("/caption", title, position=place, anchor="center-center")
         recorder = server.get_scene_serializer()
         _record(recorder, joints, caption, heads, station.robot, line, times)
         page = str(recorder.as_html())
@@ -84,11 +89,11 @@ def _draw_station(scene: Any, station: Station, line: Timeline) -> dict[str, Any
     """Everything that stands still; returns the heads of the studs by name."""
     scene.add_grid(
         "/floor", width=8.0, height=8.0, cell_size=0.25, section_size=1.0,
-        plane_color=(236, 238, 240), plane_opacity=1.0, position=(0.0, 0.0, -0.002),
+        plane_color=_GROUND, plane_opacity=0.4, position=(0.0, 0.0, 0.002),
     )  # fmt: skip
     for body in station.obstacles:
         colour = _PART if body.mesh is not None else _CLAMP
-        for item in body_triangles(body, colour):
+        for item in body_triangles(body, _GROUND if _is_ground(body) else colour):
             _draw_triangles(scene, f"/station/{item.name}", item)
     colours, number, heads = order_colours(len(line.welds)), line.weld_number(), {}
     for stud in station.studs:
@@ -101,8 +106,10 @@ def _draw_station(scene: Any, station: Station, line: Timeline) -> dict[str, Any
         ends = np.array([[stud.position_m, stud.position_m + 0.12 * stud.normal]])
         scene.add_line_segments(f"/studs/{stud.id}/normal", ends, colour, thickness=0.009)
         text = stud.id if place is None else f"{place} · {stud.id}"
-        scene.add_label(f"/studs/{stud.id}/label", text, font_screen_scale=0.8,
-                        position=stud.position_m + 0.14 * stud.normal)  # fmt: skip
+        scene.add_label(
+            f"/studs/{stud.id}/label", text, font_screen_scale=0.7, anchor="bottom-center",
+            position=stud.position_m + 0.15 * stud.normal,
+        )  # fmt: skip
     segments, which = tip_path(line, station.robot)
     if len(segments):
         tints = np.array(order_colours(int(which.max()) + 1), dtype=np.uint8)[which]
@@ -142,20 +149,32 @@ def _draw_robot(scene: Any, robot: Robot, tool: Sequence[Body]) -> list[Any]:
     return handles
 
 
-def _caption_place(robot: Robot) -> Array:
-    return np.array(robot.base.translation) + np.array([0.0, 0.0, 3.0])
+def _is_ground(body: Body) -> bool:
+    """A body that ends at floor level is floor: pale, and no reason to step back."""
+    return all(item.vertices_m[:, 2].max() < 0.05 for item in body_triangles(body))
 
 
-def _set_camera(server: Any, station: Station) -> None:
-    """Look from the robot's front and side at the middle of base, part and studs."""
+def _extent(station: Station) -> tuple[Array, Array]:
+    """Lowest and highest corner (3,) [m] of robot base, a raised arm, studs and obstacles."""
     base = np.array(station.robot.base.translation)
     points = [np.stack([base, base + [0.0, 0.0, 2.2], *(s.position_m for s in station.studs)])]
-    points += [item.vertices_m for body in station.obstacles for item in body_triangles(body)]
+    for body in station.obstacles:
+        if not _is_ground(body):
+            points += [item.vertices_m for item in body_triangles(body)]
     everything = np.concatenate(points)
-    low, high = everything.min(axis=0), everything.max(axis=0)
+    return everything.min(axis=0), everything.max(axis=0)
+
+
+def _set_camera(server: Any, low: Array, high: Array) -> None:
+    """Look from the robot's front and side at the middle of what there is."""
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    direction = np.array([0.45, -1.0, 0.5])
+    distance = 0.42 * size / np.sin(_FIELD_OF_VIEW_RAD / 2)
+    server.initial_camera.fov = _FIELD_OF_VIEW_RAD
     server.initial_camera.look_at = tuple(middle)
-    server.initial_camera.position = tuple(middle + size * np.array([0.5, -1.0, 0.55]))
+    server.initial_camera.position = tuple(
+        middle + distance * direction / np.linalg.norm(direction)
+    )
 
 
 def _record(

@@ -31,7 +31,7 @@ def joint_frames(robot: Robot, q_rad: Array) -> Array:
         for joint in range(1, robot.model.njoints):
             pose = pin.SE3ToXYZQUAT(data.liMi[joint])
             frames[k, joint - 1] = pose[[0, 1, 2, 6, 3, 4, 5]]
-    return np.round(frames, 5)
+    return frames.round(5).astype(np.float64)
 
 
 def tip_path(

@@ -131,22 +131,27 @@ def table_shares(result: Result) -> str:
         state = item["status"] + (", seed" if item["source"] == "fallback" else "")
         state += ", certified" if item["certified"] else ""
         rows.append(
-            [f"{item['key']} {item['from']} → {item['to']}", state, number(item["duration_s"], 2),
+            [f"{item['key']} {item['from']} → {item['to']}", state,
+             number(_millimetres(item["min_clearance_m"])), number(item["duration_s"], 2),
              number(item["cost"], 2), *(number(shares.get(name), 2) for name in names)]
         )  # fmt: skip
     total = sum(sums.values())
     rows.append(
-        ["**all**", "", number(sum(m["duration_s"] or 0.0 for m in result["motions"]), 2),
+        ["**all**", "", "", number(sum(m["duration_s"] or 0.0 for m in result["motions"]), 2),
          number(total, 2), *(number(sums[name], 2) for name in names)]
     )  # fmt: skip
     if total > 0:
         rows.append(
-            ["**share %**", "", "", "100.0", *(number(100 * sums[n] / total) for n in names)]
+            ["**share %**", "", "", "", "100.0", *(number(100 * sums[n] / total) for n in names)]
         )
-    header = ["motion", "status", "time s", "J", "J time", "J effort", "J velocity"]
+    header = ["motion", "status", "clearance mm", "time s", "J", "J time", "J effort", "J velocity"]
     cost = result["cost"]
     weights = ", ".join(f"{key} {value:g}" for key, value in cost.items() if key != "kind")
     return markdown_table(header, rows) + f"\n\nWeights ({cost['kind']}): {weights}."
+
+
+def _millimetres(length_m: float | None) -> float | None:
+    return None if length_m is None else 1000.0 * length_m
 
 
 def provenance_text(result: Result) -> str:

@@ -1,0 +1,222 @@
+"""A run written and read back: same arrays, same bytes, damage noticed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sample_cycle import quintic, sample_cycle
+
+from dmoc.cost import Cost
+from dmoc.errors import InputError
+from sequencing.run_archive import json_text, npz_bytes, write_atomic
+from sequencing.run_compare import compare_runs
+from sequencing.run_files import read_run, write_run
+from sequencing.run_shares import cost_shares
+from sequencing.run_station import station_of
+from sequencing.run_timeline import timeline
+
+
+def written(tmp_path, cycle=None, name="run"):
+    write_run(cycle or sample_cycle(), tmp_path / name, {"wall_s": 1.0})
+    return tmp_path / name
+
+
+def test_a_run_is_read_back_exactly(tmp_path):
+    cycle = sample_cycle()
+    run = read_run(written(tmp_path, cycle))
+    assert run.name == "sample"
+    assert run.robot is not None
+    assert run.robot.fingerprint == cycle.station.robot.fingerprint
+    for before, after in zip(cycle.motions, run.motions, strict=True):
+        assert (before.key, before.origin, before.target, before.kind) == (
+            after.key, after.origin, after.target, after.kind,
+        )  # fmt: skip
+        for field in ("t_s", "q_rad", "velocity_rad_s", "torque_nm"):
+            assert np.array_equal(
+                getattr(before.motion.trajectory, field), getattr(after.motion.trajectory, field)
+            )
+        assert before.motion.replace(trajectory=None) == after.motion.replace(trajectory=None)
+    for before, after in zip(cycle.welds, run.welds, strict=True):
+        assert np.array_equal(before.q_rad, after.q_rad)
+        assert (before.stud, before.cost, before.time_s) == (after.stud, after.cost, after.time_s)
+
+
+def test_the_contract_of_result_json(tmp_path):
+    folder = written(tmp_path)
+    result = json.loads((folder / "result.json").read_text())
+    keys = {"key", "from", "to", "kind", "status", "source", "certified", "min_clearance_m",
+            "cost", "duration_s"}  # fmt: skip
+    assert all(keys <= set(item) for item in result["motions"])
+    assert all(
+        {"stud", "alternative", "q_rad", "cost", "time_s"} <= set(w) for w in result["welds"]
+    )
+    assert result["robot"]["provenance"]["mass"] == "assumed"
+    assert result["search"]["bound_is_proven"] is True
+    assert {"numpy", "casadi", "pin", "python"} <= set(result["versions"])
+    assert {"robot/robot.yaml", "robot/irb6640_class.urdf"} <= set(result["inputs"]["files"])
+    with np.load(folder / "motions.npz") as archive:
+        assert {f"m000/{k}" for k in ("t_s", "q_rad", "velocity_rad_s", "torque_nm")} <= set(
+            archive.files
+        )
+    assert "wall_s" not in (folder / "result.json").read_text()
+
+
+def test_the_same_cycle_gives_the_same_bytes(tmp_path):
+    folders = [written(tmp_path, name=name) for name in ("a", "b")]
+    for name in ("result.json", "motions.npz", "tables.md", "motions/m001_S1_S3.csv"):
+        first, second = ((folder / name).read_bytes() for folder in folders)
+        assert first == second, name
+
+
+def test_the_archive_does_not_depend_on_the_clock(monkeypatch):
+    before = npz_bytes({"a/b": np.arange(3.0)})
+    monkeypatch.setattr("time.time", lambda: 2e9)
+    monkeypatch.setattr("time.localtime", lambda *_: (2033, 5, 18, 3, 33, 20, 2, 138, 0))
+    assert npz_bytes({"a/b": np.arange(3.0)}) == before
+
+
+def test_csv_is_the_common_interpolant_with_units(tmp_path):
+    folder = written(tmp_path)
+    path = folder / "motions" / "m000_home_S1.csv"
+    header = path.read_text().splitlines()[0].split(",")
+    assert header[0] == "t_s"
+    assert {"q1_rad", "velocity6_rad_s", "acceleration3_rad_s2", "torque2_nm", "control2_nm"} <= (
+        set(header)
+    )
+    values = np.genfromtxt(path, delimiter=",", names=True)
+    trajectory = sample_cycle().motions[0].motion.trajectory
+    sample = trajectory.sample(values["t_s"])
+    np.testing.assert_allclose(values["q2_rad"], sample.q_rad[:, 1], atol=1e-12)
+    np.testing.assert_allclose(values["torque3_nm"], sample.torque_nm[:, 2], atol=1e-6)
+    assert values["t_s"][-1] == trajectory.duration_s
+    assert len(values) == 4 * trajectory.num_intervals + 1
+
+
+def test_an_older_run_leaves_no_motion_behind(tmp_path):
+    folder = written(tmp_path, sample_cycle(order=("S1", "S2", "S3")))
+    (folder / "motions" / "notes.csv").write_text("mine")
+    written(tmp_path, sample_cycle(order=("S3", "S1")))
+    assert sorted(p.name for p in (folder / "motions").iterdir()) == [
+        "m000_home_S3.csv", "m001_S3_S1.csv", "m002_S1_home.csv", "notes.csv",
+    ]  # fmt: skip
+    assert len(read_run(folder).motions) == 3
+
+
+@pytest.mark.parametrize(
+    ("harm", "code"),
+    [
+        (lambda f: (f / "result.json").unlink(), "run-missing"),
+        (lambda f: (f / "result.json").write_text("{"), "run-damaged"),
+        (lambda f: (f / "result.json").write_text("[]"), "run-damaged"),
+        (lambda f: (f / "motions.npz").unlink(), "run-mixed"),
+        (lambda f: (f / "motions.npz").write_bytes(b"PK"), "run-mixed"),
+        (lambda f: _edit(f, schema_version=99), "run-version"),
+    ],
+)
+def test_a_damaged_run_is_one_coded_error(tmp_path, harm, code):
+    folder = written(tmp_path)
+    harm(folder)
+    with pytest.raises(InputError) as caught:
+        read_run(folder)
+    assert [fault.code for fault in caught.value.faults] == [code]
+
+
+def _edit(folder, **changes):
+    data = json.loads((folder / "result.json").read_text())
+    (folder / "result.json").write_text(json.dumps(data | changes))
+
+
+def test_a_changed_robot_is_not_used_for_torques(tmp_path):
+    folder = written(tmp_path)
+    data = json.loads((folder / "result.json").read_text())
+    data["robot"]["tool"]["mass_kg"] += 1.0
+    (folder / "result.json").write_text(json.dumps(data))
+    run = read_run(folder)
+    assert run.robot is None
+    assert "changed" in run.robot_note
+    assert len(run.trajectories) == 4
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "file.txt"
+    write_atomic(path, "old")
+
+    def no_space(*_):
+        raise OSError("no space left")
+
+    monkeypatch.setattr("os.replace", no_space)
+    with pytest.raises(OSError, match="no space"):
+        write_atomic(path, "new")
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_numbers_that_are_not_finite_become_null():
+    text = json_text({"a": float("inf"), "b": np.float64("nan"), "c": np.array([0.1])})
+    assert json.loads(text) == {"a": None, "b": None, "c": [0.1]}
+
+
+def test_the_shares_add_up_to_the_cost():
+    cycle = sample_cycle()
+    trajectory = cycle.motions[0].motion.trajectory
+    shares = cost_shares(trajectory, Cost(time=2.0, effort=3e-6, velocity=0.5))
+    h = np.diff(trajectory.t_s)
+    naive = 0.0
+    for k in range(trajectory.num_intervals):
+        speed = (trajectory.q_rad[k + 1] - trajectory.q_rad[k]) / h[k]
+        naive += h[k] * (2 + 3e-6 * np.sum(trajectory.torque_nm[k] ** 2) + 0.5 * np.sum(speed**2))
+    assert sum(shares.values()) == pytest.approx(naive, rel=1e-12)
+
+
+@pytest.mark.parametrize("home", [True, False])
+def test_the_timeline_is_the_cycle_without_holes(home):
+    cycle = sample_cycle(home=home)
+    line = timeline(cycle.welds, cycle.motions)
+    assert line.duration_s == pytest.approx(cycle.duration_s)
+    ends = [segment.end_s for segment in line.segments]
+    assert [segment.start_s for segment in line.segments[1:]] == ends[:-1]
+    times, joints = cycle.joint_curve(0.05)
+    inside = np.diff(times, prepend=-1.0) > 0
+    np.testing.assert_allclose(line.at(times[inside]).q_rad, joints[inside], atol=1e-9)
+    steps = np.diff(line.at(np.linspace(0, line.duration_s, 2000)).q_rad, axis=0)
+    assert np.max(np.abs(steps)) < 0.02
+
+
+def test_torques_of_the_timeline_hold_gravity_while_welding():
+    cycle = sample_cycle()
+    line = timeline(cycle.welds, cycle.motions)
+    weld = next(s for s in line.segments if s.kind == "weld")
+    state = line.at(np.array([weld.start_s + 1.0]), cycle.station.robot)
+    np.testing.assert_allclose(
+        state.torque_nm[0], cycle.station.robot.gravity_torque_nm(cycle.welds[0].q_rad)
+    )
+    assert not np.any(state.velocity_rad_s)
+
+
+def test_comparing_runs_names_what_differs(tmp_path):
+    cycle = sample_cycle()
+    first = read_run(written(tmp_path, cycle, "a"))
+    assert compare_runs(first, first)["identical"] is True
+    slower = quintic(cycle.station.robot, cycle.motions[1].motion.trajectory.q_rad[0],
+                     cycle.motions[1].motion.trajectory.q_rad[-1], duration_s=3.0)  # fmt: skip
+    changed = list(cycle.motions)
+    changed[1] = replace(changed[1], motion=changed[1].motion.replace(trajectory=slower, cost=99.0))
+    moved = replace(cycle.welds[0], alternative=4)
+    other = replace(cycle, motions=tuple(changed), welds=(moved, *cycle.welds[1:]), seed=8)
+    report = compare_runs(first, read_run(written(tmp_path, other, "b")))
+    assert report["identical"] is False
+    assert report["seed"] == [7, 8]
+    assert report["same_order"] is True
+    assert report["moved_poses"] == [{"stud": "S1", "a": 1, "b": 4}]
+    assert report["duration_s"]["b"] - report["duration_s"]["a"] == pytest.approx(0.5)
+    assert report["motions"]["common"][1]["cost"]["b"] == 99.0
+    json_text(report)
+
+
+def test_a_station_that_is_gone_is_a_coded_error(tmp_path):
+    with pytest.raises(InputError) as caught:
+        station_of(read_run(written(tmp_path)))
+    assert caught.value.faults[0].code == "run-station"
