@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dmoc.errors import Fault, ProblemError
+from sequencing.gtsp.bounded_dp import bounded_dp
 from sequencing.gtsp.held_karp import held_karp, table_bytes
 from sequencing.gtsp.normal_form import NormalForm, normal_form
 from sequencing.gtsp.problem import GtspProblem, Tour, as_tours
@@ -54,14 +55,18 @@ def solve(
     generator = np.random.default_rng(seed)
     start = [n for n in map(form.lower, as_tours(initial)) if n is not None]
     nodes, cost = _heuristic(problem, form, limits, effort, generator, start, callback)
-    if method in ("exact", "held-karp") or (
-        method == "auto" and table_bytes(form) <= SMALL_TABLE_BYTES
-    ):
+    small = table_bytes(form) <= SMALL_TABLE_BYTES
+    if method == "held-karp" or (small and method in ("auto", "exact")):
         exact, bound = held_karp(form, cost, limits.memory_bytes)
         if exact is None:
             return Tour((), math.inf, bound, True, "held-karp")
-        nodes = form.lift(exact)
-        return finish(problem, form, nodes, bound, "held-karp")
+        return finish(problem, form, form.lift(exact), bound, "held-karp")
+    if method == "exact":
+        tolerance = 0.5 if form.whole else 1e-9 * problem.tour_magnitude(nodes)
+        exact, bound = bounded_dp(form, cost, tolerance, limits.states, limits.memory_bytes)
+        if exact is not None:
+            nodes = form.lift(exact)
+        return finish(problem, form, nodes, bound, "bounded-dp")
     return finish(problem, form, nodes, -math.inf, "ruin-recreate")
 
 

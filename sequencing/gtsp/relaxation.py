@@ -1,0 +1,254 @@
+"""Lagrangian lower bounds of a rooted problem, and what they rule out.
+
+The multipliers are improved by Polyak's subgradient steps. Nodes and arcs through which no
+relaxed route can beat the cut are removed for good: they are in no better tour.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sequencing.gtsp.rooted import Rooted
+
+WALK_STEPS = 60
+NG_STEPS = 40
+FIRST_MEMORY = 3
+LARGEST_MEMORY = 12
+LARGEST_TABLE = 24_000_000  # states × positions of the ng table (8 bytes each)
+
+
+class Relaxation:
+    """A rooted problem that shrinks while its bound grows.
+
+    `cut`: only tours that cost less are of interest. `bound`: proven for the original problem
+    (or ≥ cut: there is no better tour). `node`: nodes of the rooted problem that are left.
+    """
+
+    def __init__(self, rooted: Rooted, cut: float, multipliers: np.ndarray | None) -> None:
+        self.m = len(rooted.ptr) - 1
+        self.cut = cut
+        self.bound = -math.inf
+        self.cost = rooted.cost.copy()
+        self.leave = rooted.leave.copy()
+        self.back = rooted.back.copy()
+        self.ptr = rooted.ptr
+        self.needs = rooted.needs
+        self.node = np.arange(len(rooted.node))
+        self.lam = np.zeros(self.m) if multipliers is None else multipliers.copy()
+        masks = [int(x) for x in rooted.needs]
+        self.early = np.array([1 + bin(x).count("1") for x in masks], dtype=np.int64)
+        followers = [sum((x >> g) & 1 for x in masks) for g in range(self.m)]
+        self.late = np.array([self.m - f for f in followers], dtype=np.int64)
+        self.route = np.zeros(self.m, dtype=np.int64)
+        self.memory = self._nearest_memory(FIRST_MEMORY)
+        self._index()
+
+    @property
+    def closed(self) -> bool:
+        """True if no tour is cheaper than the cut."""
+        return self.bound >= self.cut
+
+    def walk_phase(self, steps: int = WALK_STEPS) -> None:
+        """Subgradient steps on the walk relaxation, then node removal."""
+        from sequencing.gtsp.walk_kernel import walk_trace
+
+        visits = np.zeros(self.m, dtype=np.int64)
+
+        def evaluate(lam: np.ndarray) -> tuple[float, np.ndarray]:
+            cost, _, forward = self._forward(lam)
+            value = walk_trace(cost, self.ptr, self.cluster, forward, self.back, visits)
+            return value + lam.sum(), visits.copy()
+
+        self._ascend(evaluate, steps)
+        self._drop_by_walks()
+
+    def ng_phase(self, steps: int = NG_STEPS) -> None:
+        """Subgradient steps on the ng-route relaxation, then arc and node removal."""
+        from sequencing.gtsp.ng_kernel import ng_trace
+
+        if self.closed:
+            return
+        self._memory_tables()
+        path = np.zeros(self.m, dtype=np.int64)
+
+        def evaluate(lam: np.ndarray) -> tuple[float, np.ndarray]:
+            cost, leave = self._backward(lam)
+            value = ng_trace(cost, leave, self.ptr, self.offset, self.steps, self.togo, path)
+            if value == math.inf:
+                return math.inf, np.ones(self.m, dtype=np.int64)
+            visits = np.bincount(path, minlength=self.m)
+            if value + lam.sum() > self.bound:
+                self.route = path.copy()
+            return value + lam.sum(), visits
+
+        self._ascend(evaluate, steps)
+        if not self.closed:
+            self._drop_by_ng()
+
+    def enlarge_memory(self) -> bool:
+        """Let clusters remember those the best route came back to; False if nothing grew."""
+        grown = False
+        last: dict[int, int] = {}
+        loops = []
+        for k, g in enumerate(self.route):
+            if int(g) in last:
+                loops.append((k - last[int(g)], last[int(g)], k))
+            last[int(g)] = k
+        for _, begin, end in sorted(loops):
+            g = int(self.route[begin])
+            inner = [int(h) for h in self.route[begin + 1 : end] if h != g]
+            if any(len(self.memory[h]) >= LARGEST_MEMORY for h in inner if g not in self.memory[h]):
+                continue
+            for h in inner:
+                if g not in self.memory[h]:
+                    self.memory[h].append(g)
+                    grown = True
+            if self._table_size() > LARGEST_TABLE:
+                for h in inner:
+                    if self.memory[h][-1] == g:
+                        self.memory[h].pop()
+                return False
+        return grown
+
+    def completion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Costs with the best multipliers, and the cost-to-go table of all states."""
+        return self._backward(self.lam)
+
+    @property
+    def limit(self) -> float:
+        """The cut in terms of costs with multipliers."""
+        return self.cut - float(self.lam.sum())
+
+    def _index(self) -> None:
+        self.cluster = np.repeat(np.arange(self.m), np.diff(self.ptr))
+        self.turned = np.ascontiguousarray(self.cost.T)
+
+    def _nearest_memory(self, count: int) -> list[list[int]]:
+        near = np.full((self.m, self.m), np.inf)
+        for g in range(self.m):
+            for h in range(self.m):
+                if g != h:
+                    block = self.cost[self.ptr[g] : self.ptr[g + 1], self.ptr[h] : self.ptr[h + 1]]
+                    near[g, h] = block.min()
+        near = np.minimum(near, near.T)
+        order = np.argsort(near, axis=1, kind="stable")
+        return [[int(h) for h in order[g][: min(count, self.m - 1)]] for g in range(self.m)]
+
+    def _forward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        from sequencing.gtsp.walk_kernel import walk_forward
+
+        pay = lam[self.cluster]
+        cost = self.cost - pay[None, :]
+        leave = self.leave - pay
+        forward = np.empty((self.m + 1, len(self.node)))
+        walk_forward(cost, leave, self.ptr, self.early, self.late, forward)
+        return cost, leave, forward
+
+    def _backward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        from sequencing.gtsp.ng_kernel import ng_backward
+
+        cost, leave, forward = self._forward(lam)
+        turned = np.ascontiguousarray(cost.T)
+        ng_backward(
+            turned, self.back, self.ptr, self.early, self.late, self.bits, self.offset,
+            self.steps, forward, self.cut - lam.sum(), self.togo,
+        )  # fmt: skip
+        return cost, leave
+
+    def _table_size(self) -> int:
+        sizes = np.diff(self.ptr)
+        return int(sum(int(s) << len(n) for s, n in zip(sizes, self.memory))) * (self.m + 1)
+
+    def _memory_tables(self) -> None:
+        from sequencing.gtsp.ng_kernel import memory_steps
+
+        widest = max((len(n) for n in self.memory), default=0)
+        self.bits = np.array([len(n) for n in self.memory], dtype=np.int64)
+        self.members = np.zeros((self.m, max(widest, 1)), dtype=np.int64)
+        for g, known in enumerate(self.memory):
+            self.members[g, : len(known)] = known
+        rows = np.diff(self.ptr) << self.bits
+        self.offset = np.concatenate([[0], np.cumsum(rows)[:-1]]).astype(np.int64)
+        self.steps = np.full((self.m, self.m, 1 << widest), -1, dtype=np.int64)
+        memory_steps(self.members, self.bits, self.needs, self.steps)
+        self.togo = np.empty((self.m + 1, int(rows.sum())))
+
+    def _ascend(self, evaluate, steps: int) -> None:  # type: ignore[no-untyped-def]
+        """Polyak steps from the best multipliers; keeps the best bound and its multipliers."""
+        lam = self.lam.copy()
+        theta = 1.0
+        since = 0
+        best = -math.inf
+        for _ in range(steps):
+            value, visits = evaluate(lam)
+            if value >= self.cut:
+                self.bound = math.inf if value == math.inf else max(self.bound, value)
+                self.bound = max(self.bound, self.cut)
+                self.lam = lam
+                return
+            if value > best + 1e-4 * max(self._room(value), 1e-12):
+                best, since = value, 0
+            else:
+                since += 1
+            if value > self.bound:
+                self.bound, self.lam = value, lam.copy()
+            slope = 1.0 - visits
+            norm = float(slope @ slope)
+            if norm == 0.0:  # the relaxed route is a tour: its cost is the optimum
+                return
+            if since >= 6:
+                theta *= 0.6
+                since = 0
+                lam = self.lam.copy() if best <= self.bound else lam
+                if theta < 0.05:
+                    return
+            lam = lam + theta * self._room(value) / norm * slope
+
+    def _room(self, value: float) -> float:
+        """Distance to aim for: to the cut, or 5 % where there is none."""
+        return self.cut - value if math.isfinite(self.cut) else 0.05 * abs(value) + 1e-9
+
+    def _drop_by_walks(self) -> None:
+        from sequencing.gtsp.walk_kernel import walk_backward
+
+        if self.closed:
+            return
+        cost, _, forward = self._forward(self.lam)
+        rest = np.empty_like(forward)
+        turned = np.ascontiguousarray(cost.T)
+        walk_backward(turned, self.back, self.ptr, self.early, self.late, rest)
+        least = (forward + rest)[1:].min(axis=0)
+        self._keep(least < self.limit)
+
+    def _drop_by_ng(self) -> None:
+        from sequencing.gtsp.ng_kernel import ng_arcs
+
+        cost, leave = self._backward(self.lam)
+        arc = np.empty_like(cost)
+        first = np.empty_like(leave)
+        ng_arcs(
+            cost, leave, self.ptr, self.early, self.late, self.bits, self.offset, self.steps,
+            self.togo, self.limit, arc, first,
+        )  # fmt: skip
+        self.cost[~(arc < self.limit)] = np.inf
+        self.leave[~(first < self.limit)] = np.inf
+        used = (arc < self.limit).any(axis=0) | (first < self.limit)
+        self._keep(used)
+
+    def _keep(self, keep: np.ndarray) -> None:
+        """Remove nodes; a cluster without nodes means that no tour beats the cut."""
+        counts = np.bincount(self.cluster[keep], minlength=self.m)
+        if (counts == 0).any():
+            self.bound = max(self.bound, self.cut)
+            return
+        if keep.all():
+            self._index()
+            return
+        self.cost = np.ascontiguousarray(self.cost[np.ix_(keep, keep)])
+        self.leave = self.leave[keep]
+        self.back = self.back[keep]
+        self.node = self.node[keep]
+        self.ptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        self._index()
