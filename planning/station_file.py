@@ -40,6 +40,7 @@ class PoseEntry(_Entry):
 class RobotEntry(_Entry):
     """A robot of the package (`model`) or a URDF beside the station (`urdf`), and its base.
 
+    `q_lower_rad` and `q_upper_rad` narrow the joint limits in this station (hoses, dress pack).
     `mass_scale` and `torque_scale` multiply the links' masses and the torque limits: the what-if
     of a heavier arm.
     """
@@ -47,6 +48,8 @@ class RobotEntry(_Entry):
     model: str | None = None
     urdf: str | None = None
     base: PoseEntry = PoseEntry()
+    q_lower_rad: list[Number] | None = None
+    q_upper_rad: list[Number] | None = None
     mass_scale: Annotated[float, Field(allow_inf_nan=False, gt=0, le=10)] = 1.0
     torque_scale: Annotated[float, Field(allow_inf_nan=False, gt=0, le=10)] = 1.0
 

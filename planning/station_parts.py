@@ -57,7 +57,35 @@ def build_robot(entry: RobotEntry, folder: Path, refuse: Refuse) -> Robot | None
         robot = robot.with_mass_scale(entry.mass_scale)
     if entry.torque_scale != 1.0:
         robot = robot.with_limits(torque_limit_nm=entry.torque_scale * robot.torque_limit_nm)
+    robot = _narrowed(robot, entry, refuse)
     return robot.with_base(pin.SE3(base[:3, :3].copy(), base[:3, 3].copy()))
+
+
+def _narrowed(robot: Robot, entry: RobotEntry, refuse: Refuse) -> Robot:
+    """The robot with the station's joint limits, which may not exceed its own."""
+    limits = {"q_lower_rad": robot.q_lower_rad, "q_upper_rad": robot.q_upper_rad}
+    for name, own in limits.items():
+        given = getattr(entry, name)
+        if given is None:
+            continue
+        values = np.array(given, dtype=float)
+        if values.shape != own.shape:
+            refuse("limit-size", f"{len(values)} numbers", f"{len(own)} numbers",
+                   "one angle per joint", name)  # fmt: skip
+            return robot
+        wider = (robot.q_lower_rad - values > 1e-5) | (values - robot.q_upper_rad > 1e-5)
+        for i in np.flatnonzero(wider):
+            refuse("limit-range", f"{values[i]:g}",
+                   f"{robot.q_lower_rad[i]:.4f} to {robot.q_upper_rad[i]:.4f} rad",
+                   "a station can only narrow the robot's limits", name, int(i))  # fmt: skip
+        limits[name] = np.clip(values, robot.q_lower_rad, robot.q_upper_rad)
+    for i in np.flatnonzero(limits["q_lower_rad"] >= limits["q_upper_rad"]):
+        refuse("limit-inverted", f"{limits['q_lower_rad'][i]:g} >= {limits['q_upper_rad'][i]:g}",
+               "lower < upper", "swap the limits", "q_lower_rad", int(i))  # fmt: skip
+        return robot
+    if entry.q_lower_rad is None and entry.q_upper_rad is None:
+        return robot
+    return robot.with_limits(**limits)
 
 
 def build_tool(

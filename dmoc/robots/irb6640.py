@@ -55,7 +55,7 @@ LINKS = (
     ),
     LinkSpec(
         "link_4", 85, (0.92, 0, 0), box_inertia(85, 1.0, 0.25, 0.25),
-        (Solid("cylinder", (0.13, 1.08), (0.90, 0, 0), "x"),),
+        (Solid("cylinder", (0.125, 1.06), (0.89, 0, 0), "x"),),
     ),
     LinkSpec(
         "link_5", 35, (0.03, 0, 0), box_inertia(35, 0.25, 0.18, 0.22),

@@ -17,8 +17,11 @@ __all__ = ["write_stations"]
 
 #: Studs of the quick demo: two floor studs a side, tunnel top and side, a sill, an end wall.
 DEMO_STUDS = ("S01", "S04", "S07", "S09", "S12", "S14", "S16", "S20")
-#: Studs that jam along their normal (the gun meets tunnel or sill): they leave straight up.
-LIFTED = ("S15", "S16", "S17", "S18")
+#: Studs on the sides of tunnel and sills jam along their normal (the gun backs into what lies
+#: opposite): they leave upwards, a little off the surface (along n + 3 z).
+LIFTED = ("S13", "S14", "S15", "S16", "S17", "S18")
+#: The dress pack: joints 4 and 6 turn 200° either way, less than the bare robot.
+LIMIT_DEG = ((-170, -65, -180, -200, -120, -200), (170, 85, 70, 200, 120, 200))
 CLAMPS = ((1.30, -0.95), (2.50, -0.95), (1.30, 0.98), (2.50, 0.98), (1.90, -0.20))
 CLAMP_M = (0.08, 0.08, 0.35)
 HOME_RAD = (0.0, -0.35, 0.35, 0.0, 0.6, 0.0)
@@ -51,8 +54,8 @@ def _gun(offset: float, mass_kg: float) -> str:
 tool:
   # Flange frame: x along joint 6. The tip's +Z points into the part, here along flange -z.
   shapes:
-    - {{name: gun_arm, box_m: [{offset:g}, 0.12, 0.14],
-       pose: {{position_m: [{offset / 2:g}, 0, 0]}}}}
+    - {{name: gun_arm, box_m: [{offset:g}, 0.10, 0.10],
+       pose: {{position_m: [{offset / 2:g}, 0, 0.04]}}}}
     - {{name: gun_block, box_m: [0.12, 0.14, 0.36], pose: {{position_m: [{offset:g}, 0, -0.05]}}}}
     - {{name: gun_tip, cylinder_m: [0.045, 0.175], pose: {{position_m: [{offset:g}, 0, -0.3175]}},
        touches: true}}
@@ -85,19 +88,23 @@ def station_text(layout: Layout, suffix: str) -> str:
     heavy = suffix == "_heavy"
     scales = "\n  mass_scale: 1.6\n  torque_scale: 1.8" if heavy else ""
     home = ", ".join(f"{angle:g}" for angle in HOME_RAD)
+    lower, upper = (", ".join(f"{np.deg2rad(v):.6f}" for v in row) for row in LIMIT_DEG)
     return f"""\
 # {layout.remark} Written by planning.stations.generate; sources in provenance.yaml.
 schema_version: 1
 name: {layout.folder}{suffix}
 robot:
   model: irb6640_class{scales}
+  # Joints 4 and 6: ±200 degrees, for the hoses of the gun.
+  q_lower_rad: [{lower}]
+  q_upper_rad: [{upper}]
 {_gun(layout.gun_offset_m, 130.0 if heavy else 90.0)}\
 {_obstacles(layout)}\
 studs: {"studs_8.csv" if suffix == "_8" else "studs.csv"}
 spin_steps: 12
 departure: {{direction: normal, length_m: 0.03}}
 home_rad: [{home}]
-clearance_m: 0.02
+clearance_m: 0.012
 cost: {{time: 1.0, effort: 1.0e-6, velocity: 1.0}}
 """
 
@@ -111,7 +118,11 @@ def _write_studs(source: Path, target: Path, only: tuple[str, ...] | None) -> No
     lines = [",".join((*names, *extra))]
     for row in rows:
         if only is None or row["id"] in only:
-            lift = ["0", "0", "1"] if row["id"] in LIFTED else ["", "", ""]
+            lift = ["", "", ""]
+            if row["id"] in LIFTED:
+                normal = np.array([float(row[name]) for name in ("nx", "ny", "nz")])
+                upward = normal + [0.0, 0.0, 3.0]
+                lift = [f"{v + 0.0:.6f}" for v in upward / np.linalg.norm(upward)]
             cells = [row[name].replace("-0.0", "0.0") if row[name] == "-0.0" else row[name]
                      for name in names]  # fmt: skip
             lines.append(",".join((*cells, *lift)))

@@ -38,10 +38,11 @@ def base_pose(name: str) -> pin.SE3:
 def place_positions(name: str) -> np.ndarray:
     """13 places (13, 3) [m] in the world: every third cell of a 5 x 4 grid, two layers."""
     turn = list(BASES).index(name)
+    # The second layer runs back, so that consecutive boxes lie near each other.
     cells = [
         (x, y, layer)
-        for layer in range(2)
-        for x in np.linspace(-0.5, 0.5, 5)
+        for layer, columns in enumerate((np.linspace(-0.5, 0.5, 5), np.linspace(0.5, -0.5, 5)))
+        for x in columns
         for y in np.linspace(-0.39, 0.39, 4)
     ]
     chosen = cells[turn :: len(BASES)][:13]
