@@ -10,13 +10,15 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-import click
 import typer
 
-from dmoc.errors import DmocError, Fault, InputError
+from dmoc.errors import DmocError, Fault
 from sequencing.commands.console import Console, Outcome
+
+# The base of all usage errors: typer carries its own copy of click and exports only subclasses.
+USAGE_ERROR: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 
 app = typer.Typer(
     name="dmoc", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
@@ -252,16 +254,17 @@ def main() -> None:
     # A terminated run stops like an interrupted one, so that workers end and the store is closed.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        app(standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as help_text:
-        sys.stderr.write(help_text.format_message() + "\n")
-        raise SystemExit(2) from None
-    except click.ClickException as error:
+        code = app(standalone_mode=False)
+    except USAGE_ERROR as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            sys.stderr.write(error.format_message() + "\n")
+            raise SystemExit(2) from None
         fault = Fault(
             "command-line", field=" ".join(sys.argv[1:2]), value=error.format_message(),
             fix="see `dmoc --help` and `dmoc COMMAND --help`",
         )  # fmt: skip
-        Console(json="--json" in sys.argv).errors(InputError(fault).faults)
+        Console(json="--json" in sys.argv).errors((fault,))
         raise SystemExit(2) from None
-    except (click.exceptions.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt):
         raise SystemExit(130) from None
+    raise SystemExit(code if isinstance(code, int) else 0)

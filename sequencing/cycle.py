@@ -13,8 +13,7 @@ import numpy as np
 
 from dmoc.errors import Fault, ProblemError
 from dmoc.motion import Motion
-from planning.alternatives import StudAlternatives
-from planning.alternatives_search import alternatives
+from planning.alternatives import StudAlternatives, alternatives
 from planning.station import Station
 from planning.world import CollisionWorld
 from sequencing import gtsp
@@ -299,7 +298,8 @@ def _tables(
         costs = [alternative.weld_cost for alternative in item.alternatives]
         if costs:
             rows.append(StudRow(item.stud.id, len(costs), min(costs), max(costs)))
-    reference, totals = best.cost, (best.cost.total,)
+    reference = best.cost
+    totals: tuple[float, ...] = (best.cost.total,)
     if old:
         totals = tuple(sequence.cost.total for sequence in old)
         median = old[len(old) // 2]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shutil
 import time
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -29,6 +29,7 @@ def run_doctor(console: Console, out: Path | None) -> Outcome:
     from dmoc.robot import available_robots, load_robot
     from dmoc.solver import solve
 
+    backend = backend_report()
     versions = {name: _version(name) for name in PACKAGES}
     robot = load_robot("ur10e_class")
     problem = MotionProblem(robot, np.zeros(6), np.full(6, 0.5), num_intervals=20)
@@ -37,7 +38,7 @@ def run_doctor(console: Console, out: Path | None) -> Outcome:
     data = {
         "python": platform.python_version(), "machine": platform.machine(),
         "cores": os.cpu_count(), "packages": versions,
-        "compiler": shutil.which("gcc") or shutil.which("cc"), "backend": backend_report(),
+        "backend": {**asdict(backend), "folder": str(backend.folder)},
         "robots": list(available_robots()),
         "solve": {"status": motion.status.value, "cost": motion.cost,
                   "cpu_s": time.process_time() - began},
@@ -45,9 +46,11 @@ def run_doctor(console: Console, out: Path | None) -> Outcome:
     console.show(f"python {data['python']} on {data['machine']}, {data['cores']} cores")
     for name, found in versions.items():
         console.show(f"  {name:<12} {found or 'not installed'}")
-    console.show(f"  compiler     {data['compiler'] or 'none: the virtual machine evaluates'}")
-    for key, value in backend_report().items():
-        console.show(f"  {key:<12} {value}")
+    console.show(f"  backend      {backend.mode}; compiler {backend.compiler or 'none'}")
+    console.show(
+        f"  compiled     {backend.libraries} libraries in {backend.folder}"
+        + ("" if backend.writable else " (not writable: the virtual machine evaluates)")
+    )
     console.show(f"  robots       {', '.join(available_robots())}")
     console.show(f"  solve        {motion.status.value}, cost {motion.cost:.6g}")
     if out is not None:

@@ -20,15 +20,12 @@ __all__ = ["run_compare", "run_export", "run_view"]
 def run_export(console: Console, run_dir: Path, format: str, out: Path | None) -> Outcome:
     """Write controller files; limits that are exceeded refuse the export (exit 2)."""
     export = export_run(read_run(run_dir), format, out or run_dir / "export")
-    for path in export.paths:
+    for path in export.files:
         console.show(f"wrote {path}")
-    if export.deviation_rad is not None:
-        console.show(f"largest deviation from the planned curve: {export.deviation_rad:.2e} rad")
-    if format in ("rapid", "krl"):
-        console.say("point-to-point export does not preserve the planned torques and timing")
+    console.show(export.statement)
     return Outcome(
-        {"format": export.format, "files": [str(path) for path in export.paths],
-         "deviation_rad": export.deviation_rad, "step_s": export.step_s}
+        {"format": export.format, "files": [str(path) for path in export.files],
+         "statement": export.statement, "max_deviation_rad": export.max_deviation_rad}
     )  # fmt: skip
 
 
