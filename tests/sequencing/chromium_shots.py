@@ -21,7 +21,7 @@ _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
     "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars",
-    "--window-size=1000,700", "--remote-debugging-port=0",
+    "--window-size=600,560", "--remote-debugging-port=0",
 )  # fmt: skip
 
 
@@ -46,6 +46,13 @@ class Page:
     def shot(self) -> bytes:
         """PNG of what is visible now."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+
+    def wait_for(self, condition: str, seconds: float = 60.0) -> None:
+        """Wait until a JavaScript condition holds; fails after `seconds`."""
+        end = time.monotonic() + seconds
+        while not self.evaluate(condition):
+            assert time.monotonic() < end, f"never true: {condition}"
+            time.sleep(0.2)
 
     def evaluate(self, script: str) -> Any:
         """Value of a JavaScript expression."""

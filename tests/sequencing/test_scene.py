@@ -143,7 +143,7 @@ def shot_when(tab, wanted, seconds=60):
     end = time.monotonic() + seconds
     while True:
         image = np.asarray(Image.open(io.BytesIO(tab.shot())).convert("RGB"), dtype=float)
-        middle = image[150:500]
+        middle = image[100:380]
         if wanted(middle) or time.monotonic() > end:
             return middle
         time.sleep(0.5)
@@ -159,7 +159,7 @@ def test_a_browser_shows_a_scene_that_moves(page, tmp_path):
         return np.mean(np.abs(first - image).max(axis=2) > 40)
 
     with opened(page.as_uri(), tmp_path / "profile") as tab:
-        shot_when(tab, lambda _: tab.evaluate("document.querySelector('input') !== null"))
+        tab.wait_for("document.querySelector('input') !== null")
         assert tab.evaluate(SEEK % 1.2)
         time.sleep(2.0)  # the page fades in
         first = shot_when(tab, lambda image: colours(image) > 100)
