@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import yaml
 
 from dmoc.arrays import Array, joint_vector, readonly
 from dmoc.errors import Fault, RobotError
+from dmoc.robot_settings import read_settings, settings_faults
 from dmoc.urdf_gate import check_urdf
 
 __all__ = ["Robot", "Tool", "available_robots", "load_robot"]
@@ -187,17 +187,23 @@ def load_robot(name_or_path: str | Path) -> Robot:
                       legal="one of " + ", ".join(available_robots()) + ", or the path of a URDF",
                       fix="check the name or the path")
             )  # fmt: skip
-    check_urdf(urdf)
-    settings = _settings(urdf)
-    model = pin.buildModelFromUrdf(str(urdf))
-    faults = _settings_faults(urdf, settings, model)
+    tree = read_settings(urdf)
+    check_urdf(urdf, torque_limits_given="torque_limit_nm" in tree.data)
+    settings = tree.data
+    try:
+        model = pin.buildModelFromUrdf(str(urdf))
+    except (ValueError, RuntimeError) as error:
+        raise RobotError(
+            Fault("urdf-syntax", file=str(urdf), value=str(error)[:200], legal="a URDF robot",
+                  fix="mend what the parser names")
+        ) from error  # fmt: skip
+    faults = settings_faults(urdf, tree, model)
     if faults:
         raise RobotError(faults)
     n = model.nv
-    limits = settings.get("limits", {})
 
     def vector(key: str, default: Array) -> Array:
-        value = settings.get(key, limits.get(key))
+        value = settings.get(key)
         return joint_vector(default if value is None else value, key, n)
 
     velocity = vector("velocity_limit_rad_s", model.velocityLimit)
@@ -219,62 +225,6 @@ def load_robot(name_or_path: str | Path) -> Robot:
         fingerprint="",
     )  # fmt: skip
     return _assemble(robot)
-
-
-def _settings(urdf: Path) -> dict[str, Any]:
-    path = urdf.with_name("robot.yaml")
-    if not path.is_file():
-        return {}
-    try:
-        loaded = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        raise RobotError(
-            Fault("yaml-syntax", file=str(path), line=None if mark is None else mark.line + 1,
-                  value=str(getattr(error, "problem", error)), legal="YAML", fix="mend the syntax")
-        ) from error  # fmt: skip
-    if not isinstance(loaded, dict):
-        raise RobotError(
-            Fault("yaml-mapping", file=str(path), value=type(loaded).__name__,
-                  legal="a mapping of settings", fix="see the robots of the package")
-        )  # fmt: skip
-    return loaded
-
-
-_VECTORS = {
-    "armature_kg_m2": 0.0, "torque_limit_nm": 1e-9, "acceleration_limit_rad_s2": 1e-9,
-    "velocity_limit_rad_s": 1e-9,
-}  # fmt: skip
-_KNOWN = {*_VECTORS, "name", "flange", "q_lower_rad", "q_upper_rad", "drive", "provenance",
-          "schema_version", "limits", "allowed_collisions"}  # fmt: skip
-
-
-def _settings_faults(urdf: Path, settings: Mapping[str, Any], model: pin.Model) -> list[Fault]:
-    path, faults = str(urdf.with_name("robot.yaml")), []
-    for key in settings.keys() - _KNOWN:
-        faults.append(
-            Fault("robot-key", file=path, field=str(key), value=str(settings[key])[:60],
-                  legal=", ".join(sorted(_KNOWN)), fix="remove it or mend the spelling")
-        )  # fmt: skip
-    for key, least in _VECTORS.items():
-        if key not in settings:
-            continue
-        try:
-            value = np.asarray(settings[key], dtype=float)
-        except (TypeError, ValueError):
-            value = np.full(1, np.nan)
-        if value.shape not in ((), (model.nv,)) or not np.all(value >= least):
-            faults.append(
-                Fault("robot-value", file=path, field=key, value=str(settings[key]),
-                      legal=f"{model.nv} numbers >= {least:g}", fix="one number per joint")
-            )  # fmt: skip
-    flange = settings.get("flange")
-    if flange is not None and not model.existFrame(str(flange)):
-        faults.append(
-            Fault("robot-flange", file=path, field="flange", value=str(flange),
-                  legal=", ".join(f.name for f in model.frames), fix="name a link of the URDF")
-        )  # fmt: skip
-    return faults
 
 
 def _leaf_frame(model: pin.Model) -> str:

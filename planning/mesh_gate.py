@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dmoc.arrays import Array, readonly
 from dmoc.errors import Fault, MeshError
 from planning.mesh_file import MeshSyntaxError, read_triangles
-from planning.paths import confined
+from dmoc.paths import confined
 
 __all__ = ["UNITS", "Mesh", "is_watertight", "load_mesh"]
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from dmoc.errors import Fault
-from planning.yaml_file import YamlTree, field_name
+from dmoc.yaml_file import YamlTree, field_name
 
 __all__ = [
     "CostEntry", "DepartureEntry", "ObstacleEntry", "PoseEntry", "RobotEntry", "ShapeEntry",

@@ -13,7 +13,7 @@ from dmoc.robot import Robot, Tool, available_robots, load_robot
 from planning.convex import cover_gap_m, read_pieces, sample_surface
 from planning.decompose import mesh_pieces, split_by_plane
 from planning.mesh_gate import UNITS, Mesh, load_mesh
-from planning.paths import confined
+from dmoc.paths import confined
 from planning.shapes import Body, Shape, pose_matrix
 from planning.station_file import ObstacleEntry, PoseEntry, RobotEntry, ShapeEntry, ToolEntry
 
