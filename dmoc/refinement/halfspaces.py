@@ -11,11 +11,14 @@ the chord changes slowly and is exact where the iteration stands still.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
 from dmoc.nlp_types import PathRows
+from dmoc.refinement.feasible import yielding
 from dmoc.refinement.iterate import Points
 from dmoc.refinement.params import RefineParams
 from dmoc.refinement.points import View
@@ -54,12 +57,13 @@ def half_spaces(
     keep = np.flatnonzero((slack < swing) & (swing > 1e-12))
     keep = _nearest(point[keep], (slack / norm)[keep], keep, params.rows_per_point)
     along = np.sum(rows.gradient[keep] * view.chord_rad[point[keep]], axis=1)
-    return PathRows(
+    asked = PathRows(
         interval=points.interval[point[keep]],
         fraction=points.fraction[point[keep]],
         gradient=rows.gradient[keep],
-        lower=wanted[keep] + along,
+        lower=along,
     )
+    return replace(asked, lower=along + yielding(asked, wanted[keep], radius))
 
 
 def _nearest(

@@ -162,14 +162,16 @@ class _Loop:
             retry = self.method == "halfspaces" and stage.repair == 0
             return replace(stage, repair=repair) if retry else None
         fixed = fixed_knots(self.problem)
-        places = [
-            (f.interval, f.fraction)
-            for f in certificate.failures
-            if not (fixed[f.interval] and fixed[f.interval + 1])
-        ]
+        # The nearest place of every interval: more would say the same.
+        places: dict[int, tuple[float, float]] = {}
+        for f in certificate.failures:
+            if not (fixed[f.interval] and fixed[f.interval + 1]):
+                place = (f.distance_m, f.fraction)
+                places[f.interval] = min(places.get(f.interval, place), place)
         if not places:
             return None
-        interval, fraction = zip(*places)
+        interval = np.array(list(places))
+        fraction = np.array([fraction for _, fraction in places.values()])
         points = stage.points.with_extra(interval, fraction)
         required = required_clearance(self.clearance, self.problem, points, self.params.clearance_m)
         margin = np.zeros(len(points.interval))

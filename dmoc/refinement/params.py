@@ -50,7 +50,9 @@ class RefineParams:
     repair_margin_m: float = 0.01
     repair_trust_rad: float = 0.15
     loose: IpoptParams = field(
-        default_factory=lambda: IpoptParams(tolerance=1e-5, acceptable_tolerance=1e-3)
+        default_factory=lambda: IpoptParams(
+            tolerance=1e-5, acceptable_tolerance=1e-3, max_iterations=60
+        )
     )
     tight: IpoptParams = field(default_factory=lambda: IpoptParams(tolerance=1e-8))
 

@@ -1,0 +1,144 @@
+"""The motion of one edge: obstacle-free optimum first, then seed path, refinement, fallback."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from dmoc.motion import Motion, MotionProblem
+from dmoc.refinement import RefineParams, refine
+from dmoc.refinement.fallback import fallback_motion
+from dmoc.refinement.params import Method
+from dmoc.status import Status
+from dmoc.trajectory import JointPath
+from planning.edge_clearance import EdgeClearance
+from planning.roadmap import PathResult, plan_path
+from planning.world import CollisionWorld
+
+__all__ = ["EdgeParams", "plan_motion"]
+
+Quality = Literal["screen", "final"]
+
+
+@dataclass(frozen=True)
+class EdgeParams:
+    """Budgets of `plan_motion`.
+
+    The obstacle-free optimum itself is the first seed while it penetrates by less than
+    `shallow_m`; after that up to `num_paths` planned paths are tried until one is certified.
+    `inflation_m` is by how much bodies grow while planning. `refine` overrides the settings that
+    belong to the quality.
+    """
+
+    shallow_m: float = 0.08
+    num_paths: int = 2
+    inflation_m: float = 0.02
+    max_iterations: int = 4000
+    refine: RefineParams | None = field(default=None)
+
+
+def plan_motion(
+    problem: MotionProblem,
+    clearance: EdgeClearance,
+    world: CollisionWorld,
+    *,
+    seed: int,
+    quality: Quality = "screen",
+    method: Method = "halfspaces",
+    params: EdgeParams = EdgeParams(),
+) -> Motion:
+    """The certified motion of `problem` in a station, or the reason why there is none.
+
+    The obstacle-free optimum, if it is certified. Else `refine` from the obstacle-free optimum
+    where that penetrates little, then from planned paths between the ends of the departure lines
+    (`problem.depart_rad[-1]`, `problem.arrive_rad[0]`); `method="boxes"` needs the planned paths.
+    If no refined motion is certified, the time-scaled path is (`source="fallback"`).
+    `quality` is `screen` (stops at 1 %) or `final` (stops at 0.3 %). `seed` makes it repeatable.
+
+    Failures are statuses: `in_collision` (an end, with the pair in `note`), `no_path`,
+    `uncertified` (interval and pair in `note`), and what the solver reports.
+    """
+    settings = params.refine or (
+        RefineParams.screening() if quality == "screen" else RefineParams()
+    )
+    blocked = _ends_in_collision(problem, clearance)
+    if blocked is not None:
+        return blocked
+    free = refine(problem, None, clearance, method="none", params=settings)
+    if free.certified or method == "none":
+        return free
+    used, last = free.iterations, free
+    if method == "halfspaces" and _is_shallow(free, params.shallow_m):
+        last = refine(problem, free.trajectory, clearance, method=method, params=settings)
+        used += last.iterations
+        if last.certified:
+            return last.replace(iterations=used)
+    paths = []
+    for result in _paths(problem, clearance, seed, params):
+        if result.path is None:
+            if not paths:
+                return _without_path(result)
+            break
+        paths.append(result.path)
+        last = refine(problem, result.path, clearance, method=method, params=settings)
+        used += last.iterations
+        if last.certified and last.source == "refined":
+            return last.replace(iterations=used)
+    if last.source == "fallback":
+        return last.replace(iterations=used)
+    for path in paths[:-1]:
+        spare = fallback_motion(problem, path, clearance, note=last.note)
+        if spare is not None:
+            return spare.replace(iterations=used)
+    return last.replace(iterations=used)
+
+
+def _is_shallow(free: Motion, shallow_m: float) -> bool:
+    """Whether the obstacle-free optimum exists and penetrates by less than `shallow_m`."""
+    if free.trajectory is None or free.min_clearance_m is None:
+        return False
+    return free.min_clearance_m > -shallow_m
+
+
+def _ends_in_collision(problem: MotionProblem, clearance: EdgeClearance) -> Motion | None:
+    for name, q in (("start", problem.start_rad), ("goal", problem.goal_rad)):
+        pair = clearance.collide(q, clearance.tracking_error_m)
+        if pair is not None:
+            note = f"{name}: {pair[0]} - {pair[1]}"
+            return Motion(Status.IN_COLLISION, "refined", None, float("inf"), note=note)
+    return None
+
+
+def _paths(
+    problem: MotionProblem, clearance: EdgeClearance, seed: int, params: EdgeParams
+) -> Iterator[PathResult]:
+    """Planned paths between the inner ends of the departure lines, with the lines added."""
+    start = problem.start_rad if problem.depart_rad is None else problem.depart_rad[-1]
+    goal = problem.goal_rad if problem.arrive_rad is None else problem.arrive_rad[0]
+    for attempt in range(params.num_paths):
+        result = plan_path(
+            clearance, start, goal, seed=seed + 1000 * attempt, inflation_m=params.inflation_m,
+            max_iterations=params.max_iterations,
+        )  # fmt: skip
+        if result.path is None:
+            yield result
+            return
+        parts = [result.path.q_rad]
+        if problem.depart_rad is not None:
+            parts = [problem.start_rad[None], problem.depart_rad[:-1], *parts]
+        if problem.arrive_rad is not None:
+            parts = [*parts, problem.arrive_rad[1:], problem.goal_rad[None]]
+        yield PathResult(
+            result.status, JointPath(np.vstack(parts)), iterations=result.iterations,
+            checks=result.checks,
+        )  # fmt: skip
+
+
+def _without_path(result: PathResult) -> Motion:
+    note = result.note
+    if result.pair is not None:
+        note = f"{note}: {result.pair[0]} - {result.pair[1]}"
+    return Motion(result.status, "refined", None, float("inf"), note=note)
