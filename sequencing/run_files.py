@@ -75,7 +75,7 @@ class Run:
         return np.array(self.result["robot"]["limits"][name], dtype=float)
 
 
-def write_run(cycle: Cycle, out: Path, timing: Mapping[str, Any]) -> None:
+def write_run(cycle: Cycle, out: Path | str, timing: Mapping[str, Any]) -> None:
     """Write result.json, timing.json, motions.npz, a CSV per motion and tables.md to `out`.
 
     Every file is replaced in one step; other files in `out` are left alone, but for CSV files of
