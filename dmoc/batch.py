@@ -32,8 +32,10 @@ def solve_many(
     total, motions = len(problems), list[Motion]()
     groups = [list(problems[i : i + GROUP]) for i in range(0, total, GROUP)]
     arguments = (groups, [params] * len(groups), [seed] * len(groups))
-    arriving = map(_solve_group, *arguments) if executor is None else executor.map(
-        _solve_group, *arguments
+    arriving = (
+        map(_solve_group, *arguments)
+        if executor is None
+        else executor.map(_solve_group, *arguments)
     )
     for group, solved in zip(groups, arriving):
         motions += [_with_robot(problem, motion) for problem, motion in zip(group, solved)]

@@ -1,4 +1,4 @@
-"""Bounds of the variables and right-hand sides of the rows of one motion."""
+"""Numbers of one motion for its programme: bounds of variables, bounds of rows, parameters."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from dmoc.arrays import Array
+from dmoc.arrays import Array, joint_vector
+from dmoc.cost import Cost
 from dmoc.motion import MotionProblem
 from dmoc.nlp_types import Box
 from dmoc.programme import MotionProgramme
 from dmoc.state import mass_matrices
 
-__all__ = ["ROW_TIME_S", "fixed_knots", "knot_bounds", "row_bounds", "variable_bounds"]
+__all__ = ["fixed_knots", "knot_bounds", "parameters", "row_bounds", "variable_bounds"]
 
 SHORTEST_STEP_S = 1e-4
 LONGEST_MOTION_S = 120.0
@@ -23,12 +24,15 @@ ROW_TIME_S = 0.1
 def knot_bounds(problem: MotionProblem, box: Box | None) -> tuple[Array, Array]:
     """Lower and upper bound (N+1, n) [rad] of every knot; fixed knots have both equal."""
     robot, shape = problem.robot, (problem.num_intervals + 1, problem.robot.num_joints)
-    lower = np.broadcast_to(robot.q_lower_rad, shape).copy()
-    upper = np.broadcast_to(robot.q_upper_rad, shape).copy()
+    lower = np.tile(robot.q_lower_rad, (shape[0], 1))
+    upper = np.tile(robot.q_upper_rad, (shape[0], 1))
     if box is not None:
         lower, upper = np.maximum(lower, box.q_lower_rad), np.minimum(upper, box.q_upper_rad)
+    free = list(problem.limits.free_goal_joints)
+    last = lower[-1].copy(), upper[-1].copy()
     for index, value in fixed_knots(problem):
         lower[index] = upper[index] = value
+    lower[-1, free], upper[-1, free] = last[0][free], last[1][free]
     return lower, upper
 
 
@@ -42,12 +46,19 @@ def variable_bounds(
     if problem.duration_s is not None:
         h = (problem.duration_s / count,) * 2
     one = np.ones((count, problem.robot.num_joints))
-    return layout.pack(lower, -one, h[0]), layout.pack(upper, one, h[1])
+    v = (problem.goal_velocity_rad_s,) * 2
+    if problem.limits.free_goal_velocity:
+        v = (-problem.robot.velocity_limit_rad_s, problem.robot.velocity_limit_rad_s)
+    last = slice(None) if layout.end_velocity else slice(0, 0)
+    return (
+        layout.pack(lower, -one, h[0], v[0][last]),
+        layout.pack(upper, one, h[1], v[1][last]),
+    )
 
 
 def fixed_knots(problem: MotionProblem) -> list[tuple[Any, Array]]:
     """Index and joint vectors of the knots that the problem prescribes."""
-    fixed = [(0, problem.start_rad), (-1, problem.goal_rad)]
+    fixed: list[tuple[Any, Array]] = [(0, problem.start_rad), (-1, problem.goal_rad)]
     if problem.depart_rad is not None:
         fixed.append((slice(1, len(problem.depart_rad) + 1), problem.depart_rad))
     if problem.arrive_rad is not None:
@@ -59,19 +70,64 @@ def row_bounds(
     problem: MotionProblem, motion: MotionProgramme, lower_half: Array
 ) -> tuple[Array, Array]:
     """Bounds of all rows; the right-hand side of the momentum rows holds the end momenta."""
-    size = motion.programme.num_rows
+    size, limits = motion.programme.num_rows, problem.limits
     lower, upper = -np.ones(size), np.ones(size)
     momentum = motion.rows["momentum"]
     lower[momentum] = upper[momentum] = 0.0
     scale = 1.0 / (ROW_TIME_S * problem.robot.torque_limit_nm)
-    for at, sign, q, v in (
-        (0, -1.0, problem.start_rad, problem.start_velocity_rad_s),
-        (-1, 1.0, problem.goal_rad, problem.goal_velocity_rad_s),
-    ):
+    ends = [(0, -1.0, problem.start_rad, problem.start_velocity_rad_s)]
+    if not motion.layout.end_velocity:
+        ends.append((-1, 1.0, problem.goal_rad, problem.goal_velocity_rad_s))
+    for at, sign, q, v in ends:
         if np.any(v):
             p = sign * scale * (mass_matrices(problem.robot, q[None])[0] @ v)
             lower[momentum[at]] = upper[momentum[at]] = p
     if "half_spaces" in motion.rows:
         place = motion.rows["half_spaces"]
         lower[place], upper[place] = lower_half, np.inf
+    if limits.free_goal_velocity:  # what follows the motion is unknown
+        for name, rows in (("acceleration", [-1]), ("jerk", [-2, -1])):
+            if name in motion.rows:
+                place = motion.rows[name][rows]
+                lower[place], upper[place] = -np.inf, np.inf
+    for kind, constraints in (("path", limits.path), ("end", limits.end)):
+        for i, constraint in enumerate(constraints):
+            place = motion.rows[f"{kind}{i}"]
+            lower[place], upper[place] = constraint.lower, constraint.upper
     return lower, upper
+
+
+def parameters(problem: MotionProblem, motion: MotionProgramme, half_spaces: Array) -> Array:
+    """The parameter vector of the programme."""
+    robot, limits = problem.robot, problem.limits
+    n, u_max = robot.num_joints, robot.torque_limit_nm
+    one = np.ones(n)
+    values = {
+        "scale": 1.0 / (ROW_TIME_S * u_max), "u_max": u_max, "weights": cost_weights(problem),
+        "smoothing": problem.cost.torque_smoothing, "v_max": robot.velocity_limit_rad_s,
+        "a_max": robot.acceleration_limit_rad_s2, "v_start": problem.start_velocity_rad_s,
+        "v_goal": problem.goal_velocity_rad_s, "v_goal_back": -problem.goal_velocity_rad_s,
+        "half_spaces": half_spaces, "wrench": problem.wrench,
+    }  # fmt: skip
+    if limits.jerk_rad_s3 is not None:
+        values["j_max"] = joint_vector(limits.jerk_rad_s3, "limits.jerk_rad_s3", n)
+    if limits.rms_torque_nm is not None:
+        rms = joint_vector(limits.rms_torque_nm, "limits.rms_torque_nm", n)
+        values["rms_share"] = u_max / (rms * np.sqrt(problem.num_intervals))
+    if limits.torque_speed is not None:
+        values["stall_share"] = u_max / (one * np.asarray(limits.torque_speed.stall_torque_nm))
+        values["no_load"] = one * np.asarray(limits.torque_speed.no_load_speed_rad_s)
+    return motion.pack(**values)
+
+
+def cost_weights(problem: MotionProblem) -> Array:
+    """θ of the cost stage without u_max."""
+    cost, n = problem.cost, problem.robot.num_joints
+    if not isinstance(cost, Cost):
+        return np.array([cost.time, cost.energy, cost.velocity])
+    weights = np.array([cost.time, cost.effort, cost.velocity])
+    if cost.state_matrix is None and cost.torque_matrix is None:
+        return weights
+    state = np.zeros((2 * n, 2 * n)) if cost.state_matrix is None else np.array(cost.state_matrix)
+    torque = np.zeros((n, n)) if cost.torque_matrix is None else np.array(cost.torque_matrix)
+    return np.concatenate([weights, state.ravel(), torque.ravel()])

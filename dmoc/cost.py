@@ -4,12 +4,30 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from dmoc.errors import Fault, ProblemError
 
 __all__ = ["Cost", "ElectricalCost"]
+
+
+Matrix = tuple[tuple[float, ...], ...]
+
+
+def _semidefinite(values: Any, name: str) -> Matrix:
+    """Nested tuples, so that costs stay hashable; the symmetric part is what counts."""
+    matrix = np.array(values, dtype=float)
+    square = matrix.ndim == 2 and matrix.shape[0] == matrix.shape[1]
+    if square and np.all(np.isfinite(matrix)):
+        matrix = (matrix + matrix.T) / 2
+        if np.linalg.eigvalsh(matrix).min() >= -1e-9 * max(1.0, np.abs(matrix).max()):
+            return tuple(tuple(float(x) for x in row) for row in matrix)
+    raise ProblemError(
+        Fault("cost-matrix", field=f"cost.{name}", value=f"shape {matrix.shape}",
+              legal="a square positive semidefinite matrix", fix="check signs and size")
+    )  # fmt: skip
 
 
 def _require_weights(cost: Cost | ElectricalCost) -> None:
@@ -37,6 +55,9 @@ class Cost:
     weighs Σ‖(u_k − u_{k−1})/u_max‖², which removes the alternating torque that the discrete
     equations cannot see; it is never part of the reported cost, and 0 gives the paper's form.
 
+    `state_matrix` Q (2n, 2n) and `torque_matrix` R (n, n), symmetric positive semidefinite, add
+    the paper's general x^T Q x + u^T R u with x = (q, q̇).
+
     Source: Björkenstam et al., section 3 (weights 1, 1e-6, 1).
     """
 
@@ -44,9 +65,24 @@ class Cost:
     effort: float = 1e-6
     velocity: float = 1.0
     torque_smoothing: float = 1e-2
+    state_matrix: Matrix | None = None
+    torque_matrix: Matrix | None = None
 
     def __post_init__(self) -> None:
         _require_weights(self)
+        for name in ("state_matrix", "torque_matrix"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _semidefinite(getattr(self, name), name))
+
+    def matrix_rate(self, q_rad: np.ndarray, v: np.ndarray, torque_nm: np.ndarray) -> np.ndarray:
+        """xᵀQx + uᵀRu (K,) for rows of q, q̇, u (K, n); zero without matrices."""
+        rate = np.zeros(len(q_rad))
+        if self.state_matrix is not None:
+            x = np.hstack([q_rad, v])
+            rate += np.einsum("ki,ij,kj->k", x, np.array(self.state_matrix), x)
+        if self.torque_matrix is not None:
+            rate += np.einsum("ki,ij,kj->k", torque_nm, np.array(self.torque_matrix), torque_nm)
+        return rate
 
     def holding_rate(self, torque_nm: np.ndarray) -> np.ndarray:
         """Cost per second of standing still with joint torques `torque_nm` (..., n)."""

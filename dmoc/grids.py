@@ -40,9 +40,13 @@ def prolonged(problem: MotionProblem, coarse: MotionProblem, solution: NlpSoluti
     knots[[0, -1]] = 0.0
     bounds[new.knots()] = knots
     bounds[new.torques()] = share * _between(given.bounds[old.torques()], at_middle, to_middle)
+    bounds[new.last_velocity()] = given.bounds[old.last_velocity()]
     for name, place in target.rows.items():
         values = given.rows[source.rows[name]]
-        if name == "half_spaces":
+        if place.shape == values.shape:  # of the whole motion or its end, not of a knot
+            rows[place] = values
+            continue
+        if len(values) not in (few, few + 1):  # jerk has its own count
             continue
         on_knots = len(values) == few + 1
         values = _between(values, at, to) if on_knots else _between(values, at_middle, to_middle)

@@ -122,7 +122,8 @@ def _effort_price(problem: MotionProblem) -> Array:
     """Price per N²m²s and joint: c_e, or the copper losses of an electrical cost."""
     cost, n = problem.cost, problem.robot.num_joints
     if isinstance(cost, Cost):
-        return np.full(n, cost.effort)
+        price = np.full(n, cost.effort)
+        return price if cost.torque_matrix is None else price + np.diag(cost.torque_matrix)
     drive = drive_from_mapping(problem.robot.drive, n)
     factor = (drive.gear_ratio * drive.torque_constant_nm_a) ** 2
     return cost.energy * (drive.copper_ohm + drive.inverter_ohm) / factor

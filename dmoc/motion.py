@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dmoc.arrays import Array, joint_vector, readonly
+from dmoc.constraints import MotionLimits
 from dmoc.cost import Cost, ElectricalCost
 from dmoc.errors import Fault, ProblemError
 from dmoc.robot import Robot
@@ -15,6 +16,8 @@ from dmoc.status import Status
 from dmoc.trajectory import JointPath, JointTrajectory
 
 __all__ = ["Motion", "MotionNotSolved", "MotionProblem", "Replay"]
+
+NO_LIMITS = MotionLimits()
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,8 @@ class MotionProblem:
     `start_rad`, `goal_rad` (n,); end velocities (n,) or 0; `duration_s` None leaves the time
     free. `depart_rad` and `arrive_rad` (m, n), if given, are the joint vectors of the first and
     last interior knots, in time order: q_1..q_m and q_{N−m}..q_{N−1} are fixed to them (a weld is
-    left and reached on its departure line, without stopping there).
+    left and reached on its departure line, without stopping there). `limits` come on top of the
+    robot's; `wrench` (6,) is a constant force [N] and moment [N·m] on the tool tip, world axes.
     """
 
     robot: Robot
@@ -37,9 +41,13 @@ class MotionProblem:
     duration_s: float | None = None
     depart_rad: Array | None = None
     arrive_rad: Array | None = None
+    limits: MotionLimits = NO_LIMITS
+    wrench: Array | None = None
 
     def __post_init__(self) -> None:
         n = self.robot.num_joints
+        if self.wrench is not None:
+            object.__setattr__(self, "wrench", joint_vector(self.wrench, "wrench", 6))
         for name in ("start_rad", "goal_rad", "start_velocity_rad_s", "goal_velocity_rad_s"):
             object.__setattr__(self, name, joint_vector(getattr(self, name), name, n))
         for name in ("depart_rad", "arrive_rad"):

@@ -15,8 +15,7 @@ import casadi as ca
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.bounds import ROW_TIME_S, row_bounds, variable_bounds
-from dmoc.cost import Cost
+from dmoc.bounds import parameters, row_bounds, variable_bounds
 from dmoc.half_spaces import capacity_for, half_space_params, without_idle_rows
 from dmoc.motion import MotionProblem
 from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, IpoptParams, NlpSolution, PathRows
@@ -120,16 +119,14 @@ def _solve_once(
     x0 = layout.pack(guess.q_rad, guess.torque_nm / robot.torque_limit_nm, guess.step_s)
     arguments = {
         "x0": np.clip(x0, lbx, ubx), "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg,
-        "p": motion.pack(
-            scale=1.0 / (ROW_TIME_S * robot.torque_limit_nm), u_max=robot.torque_limit_nm,
-            weights=_weights(problem), smoothing=problem.cost.torque_smoothing,
-            v_max=robot.velocity_limit_rad_s, a_max=robot.acceleration_limit_rad_s2,
-            v_start=problem.start_velocity_rad_s, v_goal=problem.goal_velocity_rad_s,
-            half_spaces=half,
-        ),
+        "p": parameters(problem, motion, half),
     }  # fmt: skip
     multipliers = guess.multipliers
-    warm = isinstance(multipliers, Multipliers) and multipliers.families == families
+    warm = (
+        isinstance(multipliers, Multipliers)
+        and multipliers.families == families
+        and (len(multipliers.bounds), len(multipliers.rows)) == (layout.size, len(lbg))
+    )
     if warm:
         arguments |= {"lam_x0": multipliers.bounds, "lam_g0": multipliers.rows}
     solver = _solver(motion, params, warm)
@@ -143,7 +140,7 @@ def _solve_once(
     torque = u * robot.torque_limit_nm
     smoothing = problem.cost.torque_smoothing * float(np.sum(np.diff(u, axis=0) ** 2))
     left, right = residuals(problem, q, torque, h)
-    defect = max_defect(problem, left, right, h)
+    defect = max_defect(problem, q, left, right, h)
     if status is Status.CONVERGED and defect > LARGEST_DEFECT:
         status = Status.ACCEPTABLE
     return NlpSolution(
@@ -173,9 +170,3 @@ def _solver(motion: MotionProgramme, params: IpoptParams, warm: bool) -> ca.Func
         }  # fmt: skip
         _SOLVERS[key] = ca.nlpsol("motion", "ipopt", programme.nlp, options)
     return _SOLVERS[key]
-
-
-def _weights(problem: MotionProblem) -> tuple[float, float, float]:
-    cost = problem.cost
-    price = cost.effort if isinstance(cost, Cost) else cost.energy
-    return cost.time, price, cost.velocity

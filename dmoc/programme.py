@@ -12,20 +12,21 @@ from typing import Any
 
 import numpy as np
 
+from dmoc import limits
 from dmoc.backend import Backend, StageSet
 from dmoc.cost import Cost
 from dmoc.drive import drive_from_mapping
 from dmoc.dynamics import ArmModel, arm_model
-from dmoc.limits import (
-    acceleration_stage,
-    end_acceleration_stage,
-    half_space_stage,
-    smoothing_stage,
-    velocity_stage,
-)
+from dmoc.errors import Fault, ProblemError
 from dmoc.motion import MotionProblem
 from dmoc.robot import Robot
-from dmoc.stages import Stage, dynamics_stage, electrical_stage, quadratic_stage
+from dmoc.stages import (
+    Stage,
+    dynamics_stage,
+    electrical_stage,
+    matrix_stage,
+    quadratic_stage,
+)
 from dmoc.transcription import Block, Index, Layout, Programme, assemble
 
 __all__ = ["Families", "MotionProgramme", "arm_of", "motion_programme"]
@@ -37,7 +38,10 @@ _PROGRAMMES: dict[tuple[Any, ...], MotionProgramme] = {}
 
 @dataclass(frozen=True)
 class Families:
-    """Which optional rows a programme carries; `half_spaces` is their number per interval."""
+    """Which rows a programme carries beside those that its problem always has.
+
+    `half_spaces` is their number per interval.
+    """
 
     velocity: bool = False
     acceleration: bool = False
@@ -63,35 +67,51 @@ class MotionProgramme:
 
 
 def arm_of(robot: Robot) -> ArmModel:
-    """The numbers of the robot's dynamics, kept per fingerprint."""
+    """The numbers of the robot's dynamics, kept per fingerprint; wrenches act at the tool tip."""
     if robot.fingerprint not in _ARMS:
-        _ARMS[robot.fingerprint] = arm_model(robot.model)
+        frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+        tip = (frame.placement * robot.tool.tip).translation
+        _ARMS[robot.fingerprint] = arm_model(robot.model, int(frame.parentJoint) - 1, tip)
     return _ARMS[robot.fingerprint]
 
 
 def motion_programme(problem: MotionProblem, families: Families) -> MotionProgramme:
     """The programme for `problem` with `families` of rows, built once per process and backend."""
-    robot = problem.robot
-    kind = type(problem.cost).__name__
-    drive = "" if kind == "Cost" else repr(sorted(robot.drive.items()))
-    physics = (robot.fingerprint, kind, drive)
+    robot, cost = problem.robot, problem.cost
+    kind = type(cost).__name__
+    if isinstance(cost, Cost) and _has_matrices(cost):
+        kind = "matrices"
+    drive = "" if isinstance(cost, Cost) else repr(sorted(robot.drive.items()))
+    physics = (robot.fingerprint, kind, drive, problem.wrench is not None)
     if physics not in _STAGES:
-        _STAGES[physics] = StageSet((dynamics_stage(arm_of(robot), False), _cost_stage(problem)))
+        dynamics = dynamics_stage(arm_of(robot), problem.wrench is not None)
+        _STAGES[physics] = StageSet((dynamics, _cost_stage(problem)))
     backend = _STAGES[physics].current()
-    key = (*physics, backend.name, problem.num_intervals, families)
+    key = (*physics, backend.name, problem.num_intervals, problem.limits.shape, families)
     if key not in _PROGRAMMES:
-        _PROGRAMMES[key] = _build(problem, backend, families, key)
+        _PROGRAMMES[key] = _Builder(problem, backend).build(families, key)
     return _PROGRAMMES[key]
 
 
+def _has_matrices(cost: Cost) -> bool:
+    return cost.state_matrix is not None or cost.torque_matrix is not None
+
+
 def _cost_stage(problem: MotionProblem) -> Stage:
-    n = problem.robot.num_joints
-    if isinstance(problem.cost, Cost):
-        return quadratic_stage(n)
-    return electrical_stage(n, drive_from_mapping(problem.robot.drive, n))
+    n, cost = problem.robot.num_joints, problem.cost
+    if isinstance(cost, Cost):
+        return matrix_stage(n) if _has_matrices(cost) else quadratic_stage(n)
+    drive = drive_from_mapping(problem.robot.drive, n)
+    if np.any(drive.extra_inertia_kg_m2):
+        raise ProblemError(
+            Fault("extra-inertia", field="drive.extra_inertia_kg_m2",
+                  value=str(drive.extra_inertia_kg_m2), legal="0 in an optimisation",
+                  fix="count it in armature_kg_m2, where the dynamics see it")
+        )  # fmt: skip
+    return electrical_stage(n, drive)
 
 
-class _Counter:
+class _Places:
     """Hands out consecutive positions by name."""
 
     def __init__(self) -> None:
@@ -99,51 +119,134 @@ class _Counter:
         self.size = 0
 
     def take(self, name: str, *shape: int) -> Index:
-        count = int(np.prod(shape))
-        index = np.arange(self.size, self.size + count).reshape(shape)
-        self.places[name], self.size = index, self.size + count
-        return index
+        """New positions of that shape, or those that the name already has."""
+        if name not in self.places:
+            count = int(np.prod(shape))
+            index = np.arange(self.size, self.size + count).reshape(shape)
+            self.places[name], self.size = index, self.size + count
+        return self.places[name]
 
 
-def _build(
-    problem: MotionProblem, backend: Backend, families: Families, key: tuple[Any, ...]
-) -> MotionProgramme:
-    n, count = problem.robot.num_joints, problem.num_intervals
-    dynamics, cost = backend.stages
-    layout = Layout(count, n)
-    params, rows = _Counter(), _Counter()
-    scale, u_max = params.take("scale", n), params.take("u_max", n)
-    momentum = rows.take("momentum", count + 1, n)
-    pairs = np.hstack([momentum[:-1], momentum[1:]]).T
-    intervals, torques, knots = layout.intervals(), layout.torques(), layout.knots()
-    blocks = [
-        Block(dynamics, intervals, np.concatenate([scale, u_max]), pairs),
-        Block(
-            cost, intervals, np.concatenate([params.take("weights", 3), u_max]), None,
-        ),
-        Block(
-            smoothing_stage(n), np.hstack([torques[:-1], torques[1:]]).T,
-            params.take("smoothing", 1), None,
-        ),
-    ]  # fmt: skip
-    step = np.full((count, 1), layout.step)
-    ends = np.hstack([knots[:-1], knots[1:], step])
-    if families.velocity:
-        place = rows.take("velocity", count, n)
-        blocks.append(Block(velocity_stage(n), ends.T, params.take("v_max", n), place.T))
-    if families.acceleration:
-        a_max = params.take("a_max", n)
-        inner = np.hstack([knots[:-2], knots[1:-1], knots[2:], step[1:]])
-        place = rows.take("acceleration", count + 1, n)
-        blocks.append(Block(acceleration_stage(n), inner.T, a_max, place[1:-1].T))
-        for name, at, k in (("v_start", 0, 0), ("v_goal", -1, -1)):
-            theta = np.concatenate([a_max, params.take(name, n)])
-            blocks.append(Block(end_acceleration_stage(n), ends[[k]].T, theta, place[[at]].T))
-    if families.half_spaces:
-        capacity = families.half_spaces
-        theta = params.take("half_spaces", count, 2 * n * capacity)
-        both = np.hstack([knots[:-1], knots[1:]])
-        place = rows.take("half_spaces", count, capacity)
-        blocks.append(Block(half_space_stage(n, capacity), both.T, theta.T, place.T))
-    programme = assemble(blocks, layout.size, rows.size, params.size)
-    return MotionProgramme(programme, layout, params.places, rows.places, key)
+class _Builder:
+    """Collects the blocks of one programme."""
+
+    def __init__(self, problem: MotionProblem, backend: Backend) -> None:
+        self.problem, self.limits = problem, problem.limits
+        self.n, self.count = problem.robot.num_joints, problem.num_intervals
+        self.layout = Layout(self.count, self.n, problem.limits.needs_end_state)
+        self.params, self.rows = _Places(), _Places()
+        self.blocks: list[Block] = []
+        self.stages = backend.stages
+
+    def build(self, families: Families, key: tuple[Any, ...]) -> MotionProgramme:
+        self._motion()
+        if families.velocity:
+            self._velocity()
+        if families.acceleration:
+            self._acceleration()
+        if families.half_spaces:
+            self._half_spaces(families.half_spaces)
+        if self.limits.jerk_rad_s3 is not None:
+            self._jerk()
+        self._torques()
+        self._user_rows()
+        programme = assemble(self.blocks, self.layout.size, self.rows.size, self.params.size)
+        return MotionProgramme(programme, self.layout, self.params.places, self.rows.places, key)
+
+    def _param(self, *names: str) -> Index:
+        """Positions of joint vectors."""
+        return np.concatenate([self.params.take(name, self.n) for name in names])
+
+    def _add(self, stage: Stage, variables: Index, theta: Index, rows: Index | None) -> None:
+        """`variables` and `rows` one line per copy."""
+        self.blocks.append(Block(stage, variables.T, theta, None if rows is None else rows.T))
+
+    def _steps(self, copies: int) -> Index:
+        return np.full((copies, 1), self.layout.step)
+
+    def _motion(self) -> None:
+        """Equations of motion, cost and smoothing: what every programme has."""
+        dynamics, cost = self.stages
+        intervals, torques = self.layout.intervals().T, self.layout.torques()
+        momentum = self.rows.take("momentum", self.count + 1, self.n)
+        theta = self._param("scale", "u_max")
+        if self.problem.wrench is not None:
+            theta = np.concatenate([theta, self.params.take("wrench", 6)])
+        self._add(dynamics, intervals, theta, np.hstack([momentum[:-1], momentum[1:]]))
+        weights = self.params.take("weights", cost.num_params - self.n)
+        self._add(cost, intervals, np.concatenate([weights, self._param("u_max")]), None)
+        pairs = np.hstack([torques[:-1], torques[1:]])
+        self._add(limits.smoothing_stage(self.n), pairs, self.params.take("smoothing", 1), None)
+        if self.layout.end_velocity:
+            arm = arm_of(self.problem.robot)
+            last = np.concatenate([self.layout.knots()[-1], self.layout.last_velocity()])[None]
+            self._add(limits.end_momentum_stage(arm), last, self._param("scale"), momentum[-1:])
+
+    def _pairs(self) -> Index:
+        knots = self.layout.knots()
+        return np.hstack([knots[:-1], knots[1:], self._steps(self.count)])
+
+    def _velocity(self) -> None:
+        place = self.rows.take("velocity", self.count, self.n)
+        self._add(limits.velocity_stage(self.n), self._pairs(), self._param("v_max"), place)
+
+    def _acceleration(self) -> None:
+        n, knots = self.n, self.layout.knots()
+        place = self.rows.take("acceleration", self.count + 1, n)
+        inner = np.hstack([knots[:-2], knots[1:-1], knots[2:], self._steps(self.count - 1)])
+        self._add(limits.acceleration_stage(n), inner, self._param("a_max"), place[1:-1])
+        end = limits.end_acceleration_stage(n)
+        self._add(end, self._pairs()[:1], self._param("a_max", "v_start"), place[:1])
+        self._add(end, self._pairs()[-1:], self._param("a_max", "v_goal"), place[-1:])
+
+    def _half_spaces(self, capacity: int) -> None:
+        theta = self.params.take("half_spaces", self.count, 2 * self.n * capacity)
+        place = self.rows.take("half_spaces", self.count, capacity)
+        stage = limits.half_space_stage(self.n, capacity)
+        self._add(stage, self._pairs()[:, :-1], theta.T, place)
+
+    def _jerk(self) -> None:
+        """N + 3 rows a joint: the motion with two steady knots before and after it."""
+        n, count, knots = self.n, self.count, self.layout.knots()
+        place = self.rows.take("jerk", count + 2, n)
+        j_max, h = "j_max", self._steps(1)
+        if count >= 3:
+            inner = np.hstack(
+                [knots[:-3], knots[1:-2], knots[2:-1], knots[3:], self._steps(count - 2)]
+            )
+            self._add(limits.jerk_stage(n), inner, self._param(j_max), place[2:-2])
+        for known, near, far in ((2, 0, -1), (3, 1, -2)):
+            stage = limits.end_jerk_stage(n, known)
+            first = np.hstack([knots[:known].reshape(1, -1), h])
+            self._add(stage, first, self._param(j_max, "v_start"), place[[near]])
+            # Backwards in time: the velocity changes its sign, and so does the jerk.
+            last = np.hstack([knots[::-1][:known].reshape(1, -1), h])
+            self._add(stage, last, self._param(j_max, "v_goal_back"), place[[far]])
+
+    def _torques(self) -> None:
+        if self.limits.rms_torque_nm is not None:
+            place = np.tile(self.rows.take("rms_torque", 1, self.n), (self.count, 1))
+            stage = limits.rms_torque_stage(self.n)
+            self._add(stage, self.layout.torques(), self._param("rms_share"), place)
+        if self.limits.torque_speed is not None:
+            place = self.rows.take("torque_speed", self.count, self.n)
+            stage, theta = limits.torque_speed_stage(self.n), self._param("stall_share", "no_load")
+            self._add(stage, self.layout.intervals().T, theta, place)
+
+    def _user_rows(self) -> None:
+        n, count = self.n, self.count
+        for i, constraint in enumerate(self.limits.path):
+            stage = limits.path_stage(n, constraint.function)
+            place = self.rows.take(f"path{i}", count, stage.num_rows)
+            self._add(stage, self.layout.intervals().T, self._param("u_max"), place)
+        if not self.layout.end_velocity:
+            return
+        last = np.concatenate(
+            [self.layout.knots()[-1], [self.layout.step], self.layout.last_velocity()]
+        )[None]
+        none = np.zeros(0, dtype=np.int64)
+        for i, condition in enumerate(self.limits.end):
+            stage = limits.end_stage(n, condition.function, count)
+            self._add(stage, last, none, self.rows.take(f"end{i}", 1, stage.num_rows))
+        if self.limits.end_cost is not None:
+            self._add(limits.end_stage(n, self.limits.end_cost.function, count), last, none, None)

@@ -13,6 +13,8 @@ dynamics; nothing of the transcription is used but its knots and torques. Three 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 
@@ -22,6 +24,7 @@ from dmoc.errors import Fault, ProblemError
 from dmoc.motion import Motion, Replay
 from dmoc.robot import Robot
 from dmoc.running_cost import trajectory_cost
+from dmoc.state import wrench_torque
 from dmoc.trajectory import JointTrajectory
 
 __all__ = ["replay_motion", "simulate_open_loop", "simulate_tracking"]
@@ -31,10 +34,13 @@ SUBSTEPS = 8
 TRACKING_RAD_S = 15.0
 
 
-def replay_motion(motion: Motion, cost: Cost | ElectricalCost | None = None) -> Motion:
+def replay_motion(
+    motion: Motion, cost: Cost | ElectricalCost | None = None, wrench: Array | None = None
+) -> Motion:
     """The same motion with `replay` and `replay_error_rad` (its largest window error) filled in.
 
-    `cost` prices the interpolant (default `Cost()`). Errors: `ProblemError` when the motion has no
+    `cost` prices the interpolant (default `Cost()`); `wrench` (6,) is the problem's, if it had
+    one. Errors: `ProblemError` when the motion has no
     trajectory or the trajectory no robot.
     """
     trajectory = motion.trajectory
@@ -51,12 +57,13 @@ def replay_motion(motion: Motion, cost: Cost | ElectricalCost | None = None) -> 
         starts.append(count - width)
     errors = np.array(
         [
-            simulate_open_loop(robot, trajectory, k, k + width)[-1] - trajectory.q_rad[k + width]
+            simulate_open_loop(robot, trajectory, k, k + width, wrench)[-1]
+            - trajectory.q_rad[k + width]
             for k in starts
         ]
     )
-    tracked = simulate_tracking(robot, trajectory)
-    free = simulate_open_loop(robot, trajectory, 0, count)
+    tracked = simulate_tracking(robot, trajectory, wrench=wrench)
+    free = simulate_open_loop(robot, trajectory, 0, count, wrench)
     replay = Replay(
         window_error_rad=np.abs(errors), window_intervals=width,
         tracking_error_rad=float(np.max(np.abs(tracked - trajectory.q_rad))),
@@ -66,28 +73,33 @@ def replay_motion(motion: Motion, cost: Cost | ElectricalCost | None = None) -> 
     return motion.replace(replay=replay, replay_error_rad=float(replay.window_error_rad.max()))
 
 
-def simulate_open_loop(robot: Robot, trajectory: JointTrajectory, first: int, last: int) -> Array:
+def simulate_open_loop(
+    robot: Robot, trajectory: JointTrajectory, first: int, last: int, wrench: Array | None = None
+) -> Array:
     """Joints (last − first + 1, n) [rad] at the knots, torques of the transcription applied."""
-    data = robot.model.createData()
+    accelerate = _plant(robot, wrench)
     q, v = np.array(trajectory.q_rad[first]), np.array(trajectory.velocity_rad_s[first])
     out = [q]
     for k in range(first, last):
         step = (trajectory.t_s[k + 1] - trajectory.t_s[k]) / SUBSTEPS
         torque = trajectory.torque_nm[k]
         for _ in range(SUBSTEPS):
-            q, v = _runge_kutta(robot.model, data, q, v, torque, step)
+            q, v = _runge_kutta(accelerate, q, v, torque, step)
         out.append(q)
     return np.array(out)
 
 
 def simulate_tracking(
-    robot: Robot, trajectory: JointTrajectory, stiffness_rad_s: float = TRACKING_RAD_S
+    robot: Robot,
+    trajectory: JointTrajectory,
+    stiffness_rad_s: float = TRACKING_RAD_S,
+    wrench: Array | None = None,
 ) -> Array:
     """Joints (N+1, n) [rad] at the knots under u_k + M(q)(ω² (q_ref − q) + 2ω (q̇_ref − q̇)).
 
     The correction is held over each of the `SUBSTEPS` steps of an interval.
     """
-    model, data = robot.model, robot.model.createData()
+    model, data, accelerate = robot.model, robot.model.createData(), _plant(robot, wrench)
     q, v = np.array(trajectory.q_rad[0]), np.array(trajectory.velocity_rad_s[0])
     out, w = [q], stiffness_rad_s
     share = np.arange(SUBSTEPS) / SUBSTEPS
@@ -102,22 +114,33 @@ def simulate_tracking(
         inertia = pin.crba(model, data, q)
         inertia = np.triu(inertia) + np.triu(inertia, 1).T
         error = w * w * (wanted.q_rad[i] - q) + 2 * w * (wanted.velocity_rad_s[i] - v)
-        q, v = _runge_kutta(model, data, q, v, trajectory.torque_nm[k] + inertia @ error, step)
+        q, v = _runge_kutta(accelerate, q, v, trajectory.torque_nm[k] + inertia @ error, step)
         if (i + 1) % SUBSTEPS == 0:
             out.append(q)
     return np.array(out)
 
 
+Plant = Callable[[Array, Array, Array], Array]
+
+
+def _plant(robot: Robot, wrench: Array | None) -> Plant:
+    """q̈ = M⁻¹(u + Jᵀw − b(q, q̇)), rotor armature included."""
+    model, data = robot.model, robot.model.createData()
+    if wrench is None:
+        return lambda q, v, u: pin.aba(model, data, q, v, u).copy()
+    return lambda q, v, u: pin.aba(model, data, q, v, u + wrench_torque(robot, q, wrench)).copy()
+
+
 def _runge_kutta(
-    model: pin.Model, data: pin.Data, q: Array, v: Array, torque: Array, step: float
+    accelerate: Plant, q: Array, v: Array, torque: Array, step: float
 ) -> tuple[Array, Array]:
-    """One classical step of q̈ = M⁻¹(u − b(q, q̇)), rotor armature included."""
+    """One classical step."""
     half = step / 2
-    a1 = pin.aba(model, data, q, v, torque)
+    a1 = accelerate(q, v, torque)
     v2 = v + half * a1
-    a2 = pin.aba(model, data, q + half * v, v2, torque)
+    a2 = accelerate(q + half * v, v2, torque)
     v3 = v + half * a2
-    a3 = pin.aba(model, data, q + half * v2, v3, torque)
+    a3 = accelerate(q + half * v2, v3, torque)
     v4 = v + step * a3
-    a4 = pin.aba(model, data, q + step * v3, v4, torque)
+    a4 = accelerate(q + step * v3, v4, torque)
     return q + step / 6 * (v + 2 * v2 + 2 * v3 + v4), v + step / 6 * (a1 + 2 * a2 + 2 * a3 + a4)

@@ -20,7 +20,15 @@ from dmoc.discrete import del_rows, del_rows_hessian, del_rows_jacobian, midpoin
 from dmoc.drive import DriveParams, electrical_power_w
 from dmoc.dynamics import ArmModel
 
-__all__ = ["Stage", "dynamics_stage", "electrical_stage", "expression_stage", "quadratic_stage"]
+__all__ = [
+    "Stage",
+    "dynamics_stage",
+    "electrical_stage",
+    "expression_stage",
+    "local_interval",
+    "matrix_stage",
+    "quadratic_stage",
+]
 
 # Below this speed [rad/s] the drive's friction changes sign smoothly, so that Hessians exist.
 ELECTRICAL_SMOOTHING = 0.02
@@ -106,6 +114,21 @@ def quadratic_stage(n: int) -> Stage:
     torque = u * u_max
     rate = weights[0] + weights[1] * ca.sumsqr(torque) + weights[2] * ca.sumsqr(v)
     return expression_stage("cost", z, ca.vertcat(weights, u_max), h * rate)
+
+
+def matrix_stage(n: int) -> Stage:
+    """`quadratic_stage` plus h (xᵀQx + uᵀRu), x = (q, v) at the midpoint.
+
+    θ = (c_t, c_e, c_v, Q column by column, R column by column, u_max n).
+    """
+    z, qa, qb, u, h = local_interval(n)
+    weights, u_max = ca.SX.sym("w", 3), ca.SX.sym("u_max", n)
+    state, effort = ca.SX.sym("Q", 2 * n, 2 * n), ca.SX.sym("R", n, n)
+    x, torque = ca.vertcat(*midpoint(qa, qb, h)), u * u_max
+    rate = weights[0] + weights[1] * ca.sumsqr(torque) + weights[2] * ca.sumsqr(x[n:])
+    rate += ca.bilin(state, x, x) + ca.bilin(effort, torque, torque)
+    theta = ca.vertcat(weights, ca.vec(state), ca.vec(effort), u_max)
+    return expression_stage("cost", z, theta, h * rate)
 
 
 def electrical_stage(n: int, drive: DriveParams) -> Stage:

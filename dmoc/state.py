@@ -12,7 +12,14 @@ from dmoc.arrays import Array
 from dmoc.motion import MotionProblem
 from dmoc.robot import Robot
 
-__all__ = ["knot_velocities", "mass_matrices", "max_defect", "residuals", "violations"]
+__all__ = [
+    "knot_velocities",
+    "mass_matrices",
+    "max_defect",
+    "residuals",
+    "violations",
+    "wrench_torque",
+]
 
 # A limit counts as violated beyond this share of itself.
 LIMIT_SLACK = 1e-6
@@ -42,8 +49,22 @@ def residuals(problem: MotionProblem, q: Array, torque: Array, h: float) -> tupl
             for a, b in zip(middle, v)
         ]
     )
+    if problem.wrench is not None:
+        force = force + np.array([wrench_torque(robot, a, problem.wrench) for a in middle])
     push = h / 2 * (force + torque)
     return push - p, push + p
+
+
+def wrench_torque(robot: Robot, q: Array, wrench: Array) -> Array:
+    """Jᵀw (n,) [N·m] of a force and moment (6,) on the tool tip, in world axes."""
+    data = robot.model.createData()
+    frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+    pin.computeJointJacobians(robot.model, data, np.asarray(q))
+    joint = frame.parentJoint
+    jacobian = pin.getJointJacobian(robot.model, data, joint, pin.LOCAL_WORLD_ALIGNED)
+    lever = data.oMi[joint].rotation @ (frame.placement * robot.tool.tip).translation
+    moment = wrench[3:] + np.cross(lever, wrench[:3])
+    return jacobian.T @ np.concatenate([wrench[:3], moment])
 
 
 def knot_velocities(robot: Robot, q: Array, left: Array, right: Array) -> Array:
@@ -53,13 +74,16 @@ def knot_velocities(robot: Robot, q: Array, left: Array, right: Array) -> Array:
     return np.linalg.solve(mass_matrices(robot, q), p[..., None])[..., 0]
 
 
-def max_defect(problem: MotionProblem, left: Array, right: Array, h: float) -> float:
-    """Largest momentum residual as a fraction of h u_max, from q, u, h alone."""
+def max_defect(problem: MotionProblem, q: Array, left: Array, right: Array, h: float) -> float:
+    """Largest momentum residual as a fraction of h u_max, from q, u, h alone.
+
+    With a free last velocity the last row only defines it and is left out.
+    """
     robot = problem.robot
-    ends = mass_matrices(robot, np.stack([problem.start_rad, problem.goal_rad]))
-    first = ends[0] @ problem.start_velocity_rad_s + left[0]
-    last = -(ends[1] @ problem.goal_velocity_rad_s) + right[-1]
-    rows = np.vstack([first, left[1:] + right[:-1], last])
+    ends = mass_matrices(robot, q[[0, -1]])
+    rows = [ends[0] @ problem.start_velocity_rad_s + left[0], *(left[1:] + right[:-1])]
+    if not problem.limits.free_goal_velocity:
+        rows.append(right[-1] - ends[1] @ problem.goal_velocity_rad_s)
     return float(np.max(np.abs(rows) / (h * robot.torque_limit_nm)))
 
 
@@ -67,10 +91,10 @@ def violations(problem: MotionProblem, q: Array, h: float) -> dict[str, bool]:
     """Which families of limits a solution breaks."""
     robot, most = problem.robot, 1.0 + LIMIT_SLACK
     v = np.diff(q, axis=0) / h
-    ends = np.vstack(
-        [2 * (v[0] - problem.start_velocity_rad_s), 2 * (problem.goal_velocity_rad_s - v[-1])]
-    )
-    a = np.vstack([np.diff(v, axis=0), ends]) / h
+    steps = [2 * (v[0] - problem.start_velocity_rad_s), *np.diff(v, axis=0)]
+    if not problem.limits.free_goal_velocity:
+        steps.append(2 * (problem.goal_velocity_rad_s - v[-1]))
+    a = np.array(steps) / h
     return {
         "velocity": bool(np.any(np.abs(v) > most * robot.velocity_limit_rad_s)),
         "acceleration": bool(np.any(np.abs(a) > most * robot.acceleration_limit_rad_s2)),

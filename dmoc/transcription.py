@@ -1,6 +1,6 @@
 """From stage functions to a nonlinear programme: gather, map, scatter.
 
-Variables, knot by knot: x = (q_0, û_0, q_1, û_1, …, û_{N−1}, q_N, h) with û = u/u_max. A `Block`
+Variables, knot by knot: x = (q_0, û_0, q_1, û_1, …, û_{N−1}, q_N, h[, q̇_N]), û = u/u_max. A `Block`
 says where the K copies of a stage read and write. Values, gradients, Jacobians and Hessians are
 assembled by constant sparse 0/1 matrices: CasADi differentiates nothing here.
 """
@@ -28,16 +28,21 @@ class Layout:
 
     num_intervals: int
     num_joints: int
+    end_velocity: bool = False
 
     @property
     def size(self) -> int:
         """Number of variables."""
-        return 2 * self.num_intervals * self.num_joints + self.num_joints + 1
+        return self.step + 1 + (self.num_joints if self.end_velocity else 0)
 
     @property
     def step(self) -> int:
         """Position of h."""
-        return self.size - 1
+        return (2 * self.num_intervals + 1) * self.num_joints
+
+    def last_velocity(self) -> Index:
+        """(n,) positions of q̇_N, which is a variable only with `end_velocity`."""
+        return self.step + 1 + np.arange(self.num_joints if self.end_velocity else 0)
 
     def knots(self) -> Index:
         """(N+1, n) positions of q_k."""
@@ -54,10 +59,11 @@ class Layout:
         h = np.full((self.num_intervals, 1), self.step)
         return np.hstack([q[:-1], q[1:], u, h]).T
 
-    def pack(self, q: Any, u: Any, h: float) -> npt.NDArray[np.float64]:
-        """x from knots (N+1, n), scaled torques (N, n) and step."""
+    def pack(self, q: Any, u: Any, h: float, v_end: Any = 0.0) -> npt.NDArray[np.float64]:
+        """x from knots (N+1, n), scaled torques (N, n), step and, if it is there, q̇_N (n,)."""
         x = np.empty(self.size)
         x[self.knots()], x[self.torques()], x[self.step] = q, u, h
+        x[self.last_velocity()] = v_end
         return x
 
 

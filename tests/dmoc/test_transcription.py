@@ -76,4 +76,4 @@ def test_momentum_rows_equal_the_residuals_of_pinocchio(robot) -> None:
     expected = np.vstack([left[0], left[1:] + right[:-1], right[-1]])
     np.testing.assert_allclose(rows, expected, atol=1e-10)
     worst = np.max(np.abs(expected) / (h * robot.torque_limit_nm))
-    assert max_defect(problem, left, right, h) == pytest.approx(worst)
+    assert max_defect(problem, q, left, right, h) == pytest.approx(worst)
