@@ -1,1 +1,6 @@
-"""Timing of several robots on shared DC links."""
+"""Timing of several robots on shared DC links: energy, collisions, schedules."""
+
+from sequencing.timing.cell import Cell, load_cell
+from sequencing.timing.schedule import Schedule, run_schedule, schedule
+
+__all__ = ["Cell", "Schedule", "load_cell", "run_schedule", "schedule"]

@@ -20,7 +20,7 @@ from dmoc.swarm import SwarmParams, minimise
 from sequencing.timing.slack import SlackGraph, decode, decode_batch, pull_back
 from sequencing.timing.timeline import Timeline, cost_and_gradient, cost_batch
 
-__all__ = ["FreeCheck", "SearchParams", "TimingResult", "optimise_timing"]
+__all__ = ["DEFAULT_SEARCH", "FreeCheck", "SearchParams", "TimingResult", "optimise_timing"]
 
 FreeCheck = Callable[[np.ndarray], np.ndarray]
 """(P, 2, S) starts and overrides -> (P,) True where the schedule is free of collisions."""
@@ -35,6 +35,9 @@ class SearchParams:
     gradient_iterations: int = 60
     swarm: SwarmParams = SwarmParams(particles=20, iterations=40)
     polish_rounds: int = 24
+
+
+DEFAULT_SEARCH = SearchParams()
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ def optimise_timing(
     graph: SlackGraph,
     seed: int,
     free: FreeCheck | None = None,
-    params: SearchParams = SearchParams(),
+    params: SearchParams = DEFAULT_SEARCH,
     start: np.ndarray | None = None,
 ) -> TimingResult:
     """Minimise the grid energy of `line` over the box of `graph`, keeping `free` schedules only.

@@ -13,6 +13,8 @@ wait = y (T_c - D); the critical robot has no slack, so it is fixed by itself. T
 delay limit (Eq. 8) is the same set written in delta, with the division it is missing.
 """
 
+# mypy: disallow-untyped-defs=False
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -31,14 +33,16 @@ __all__ = ["SlackGraph", "decode", "decode_batch", "encode", "pull_back", "slack
 class SlackGraph:
     """S trajectories with precedence; see `slack_graph`.
 
-    `order` is topological; the predecessors of k are `pred[pred_at[k]:pred_at[k+1]]`; `latest_s`
-    is L_k. Frozen trajectories (`fixed`) keep `fixed_start_s` and `fixed_length_s` whatever z says.
+    `order` is topological; the predecessors of k are `pred[pred_at[k]:pred_at[k+1]]`, and
+    `lag_s` beside it how long after the predecessor's end k may start; `latest_s` is L_k.
+    Frozen trajectories (`fixed`) keep `fixed_start_s` and `fixed_length_s` whatever z says.
     """
 
     duration_s: np.ndarray
     order: np.ndarray
     pred_at: np.ndarray
     pred: np.ndarray
+    lag_s: np.ndarray
     latest_s: np.ndarray
     fixed: np.ndarray
     fixed_start_s: np.ndarray
@@ -56,12 +60,14 @@ def slack_graph(
     handovers: Sequence[tuple[int, int]] = (),
     total_s: float | None = None,
     fixed: dict[int, tuple[float, float]] | None = None,
+    pause_s: Sequence[Sequence[float]] | None = None,
 ) -> SlackGraph:
     """Graph of nominal durations per robot, hand-overs (from, to) by flat index, and total time.
 
     `total_s` None means the shortest possible: every trajectory as soon and as fast as it can.
-    `fixed` maps an index to its (start_s, length_s). Raises `ProblemError` if hand-overs form a
-    circle or the total time is too short, naming both times.
+    `pause_s` is the least time each robot stands still after each trajectory (a weld, a grip); a
+    hand-over waits for it too. `fixed` maps an index to its (start_s, length_s). Raises
+    `ProblemError` if hand-overs form a circle or the total time is too short, naming both times.
     """
     durations = np.array([t for robot in robots for t in robot], dtype=float)
     size = durations.size
@@ -74,24 +80,27 @@ def slack_graph(
     for source, target in handovers:
         if source not in preds[target]:
             preds[target].append(source)
+    pause = np.zeros(size)
+    if pause_s is not None:
+        pause[:] = [t for robot in pause_s for t in robot]
     order = _topological(preds)
     held = fixed or {}
     end = np.zeros(size)
     for k in order:
-        start = max((end[p] for p in preds[k]), default=0.0)
+        start = max((end[p] + pause[p] for p in preds[k]), default=0.0)
         end[k] = sum(held[k]) if k in held else start + durations[k]
-    needed = float(end.max(initial=0.0))
+    needed = float((end + pause).max(initial=0.0))
     total = needed if total_s is None else float(total_s)
     if total < needed - 1e-9:
         raise ProblemError(
             Fault("total-time", "", "total_s", f"{total:.6g} s", f">= {needed:.6g} s",
                   "allow the time that the trajectories need at full speed")
         )  # fmt: skip
-    latest = np.full(size, max(total, needed))
+    latest = max(total, needed) - pause
     for k in order[::-1]:
         begin = held[k][0] if k in held else latest[k] - durations[k]
         for p in preds[k]:
-            latest[p] = min(latest[p], begin)
+            latest[p] = min(latest[p], begin - pause[p])
     mask = np.zeros(size, dtype=np.bool_)
     start_s, length_s = np.zeros(size), durations.copy()
     for k, (begin, length) in held.items():
@@ -99,9 +108,17 @@ def slack_graph(
     pred_at = np.concatenate([[0], np.cumsum([len(p) for p in preds])]).astype(np.int64)
     flat = np.array([p for row in preds for p in row], dtype=np.int64)
     return SlackGraph(
-        durations, np.array(order, dtype=np.int64), pred_at, flat, latest, mask, start_s, length_s,
+        durations,
+        np.array(order, dtype=np.int64),
+        pred_at,
+        flat,
+        pause[flat],
+        latest,
+        mask,
+        start_s,
+        length_s,
         max(total, needed),
-    )  # fmt: skip
+    )
 
 
 def _topological(preds: list[list[int]]) -> list[int]:
@@ -132,7 +149,9 @@ _STRETCH = 1.0 / MIN_OVERRIDE - 1.0
 
 
 @numba.njit(cache=True)
-def decode_kernel(duration, order, pred_at, pred, latest, fixed, fix_start, fix_length, z, out):  # type: ignore[no-untyped-def]
+def decode_kernel(
+    duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, z, out
+):
     """z (2, S) in [0, 1] to out (2, S): start [s] and override."""
     for k in order:
         if fixed[k]:
@@ -142,7 +161,7 @@ def decode_kernel(duration, order, pred_at, pred, latest, fixed, fix_start, fix_
         early = 0.0
         for m in range(pred_at[k], pred_at[k + 1]):
             p = pred[m]
-            early = max(early, out[0, p] + duration[p] / out[1, p])
+            early = max(early, out[0, p] + duration[p] / out[1, p] + lag[m])
         slack = max(0.0, latest[k] - early - duration[k])
         longer = z[0, k] * min(slack, _STRETCH * duration[k])
         out[0, k] = early + z[1, k] * (slack - longer)
@@ -150,18 +169,18 @@ def decode_kernel(duration, order, pred_at, pred, latest, fixed, fix_start, fix_
 
 
 @numba.njit(cache=True)
-def decode_many_kernel(  # type: ignore[no-untyped-def]
-    duration, order, pred_at, pred, latest, fixed, fix_start, fix_length, z, out
+def decode_many_kernel(
+    duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, z, out
 ):
     for i in range(z.shape[0]):
         decode_kernel(
-            duration, order, pred_at, pred, latest, fixed, fix_start, fix_length, z[i], out[i]
+            duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, z[i], out[i]
         )
 
 
 @numba.njit(cache=True)
-def pull_back_kernel(  # type: ignore[no-untyped-def]
-    duration, order, pred_at, pred, latest, fixed, z, timing, by_timing, grad
+def pull_back_kernel(
+    duration, order, pred_at, pred, lag, latest, fixed, z, timing, by_timing, grad
 ):
     """Chain rule from (dJ/d start, dJ/d override) to dJ/dz, both (2, S)."""
     by_end = np.zeros(duration.shape[0])
@@ -175,7 +194,7 @@ def pull_back_kernel(  # type: ignore[no-untyped-def]
         last = -1
         for m in range(pred_at[k], pred_at[k + 1]):
             p = pred[m]
-            end = timing[0, p] + duration[p] / timing[1, p]
+            end = timing[0, p] + duration[p] / timing[1, p] + lag[m]
             if end > early:
                 early = end
                 last = p
@@ -207,9 +226,18 @@ def decode_batch(graph: SlackGraph, z: np.ndarray) -> np.ndarray:
     points = np.ascontiguousarray(z, dtype=float)
     out = np.empty_like(points)
     decode_many_kernel(
-        graph.duration_s, graph.order, graph.pred_at, graph.pred, graph.latest_s, graph.fixed,
-        graph.fixed_start_s, graph.fixed_length_s, points, out,
-    )  # fmt: skip
+        graph.duration_s,
+        graph.order,
+        graph.pred_at,
+        graph.pred,
+        graph.lag_s,
+        graph.latest_s,
+        graph.fixed,
+        graph.fixed_start_s,
+        graph.fixed_length_s,
+        points,
+        out,
+    )
     return out
 
 
@@ -219,9 +247,18 @@ def pull_back(
     """dJ/dz (2, S) from dJ/d(start, override) (2, S) at `timing` = decode(z)."""
     grad = np.empty_like(timing)
     pull_back_kernel(
-        graph.duration_s, graph.order, graph.pred_at, graph.pred, graph.latest_s, graph.fixed,
-        z, timing, by_timing, grad,
-    )  # fmt: skip
+        graph.duration_s,
+        graph.order,
+        graph.pred_at,
+        graph.pred,
+        graph.lag_s,
+        graph.latest_s,
+        graph.fixed,
+        z,
+        timing,
+        by_timing,
+        grad,
+    )
     return grad
 
 
@@ -230,10 +267,9 @@ def encode(graph: SlackGraph, start_s: np.ndarray, override: np.ndarray) -> np.n
     z = np.zeros((2, graph.duration_s.size))
     end = start_s + graph.duration_s / override
     for k in graph.order:
-        early = max(
-            (end[p] for p in graph.pred[graph.pred_at[k] : graph.pred_at[k + 1]]), default=0.0
-        )
-        early = max(early, 0.0)
+        early = 0.0
+        for m in range(graph.pred_at[k], graph.pred_at[k + 1]):
+            early = max(early, end[graph.pred[m]] + graph.lag_s[m])
         slack = max(0.0, graph.latest_s[k] - early - graph.duration_s[k])
         room = min(slack, _STRETCH * graph.duration_s[k])
         longer = graph.duration_s[k] / override[k] - graph.duration_s[k]

@@ -1,0 +1,198 @@
+"""Coordination maps: for two fixed paths, which pairs of path times are free of collision.
+
+A map has N x N closed cells over (s_a, s_b) in [0, T_a] x [0, T_b]. A cell is called free only if
+the distance of every pair of solids at a centre exceeds what both can move within the cell plus
+the clearance, so a free cell is free everywhere in it, between samples included. Blocks of cells
+are settled at once by a quadtree: pairs found apart in a block are not looked at inside it. What
+capsules cannot settle is tried again with the exact solids, then called blocked.
+"""
+# mypy: disallow-untyped-defs=False
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numba
+import numpy as np
+
+from sequencing.timing.arm_shapes import ArmShapes
+from sequencing.timing.segment_distance import segment_distance
+from sequencing.timing.swept import SweptPath
+
+__all__ = ["CELLS", "CoordinationMap", "coordination_map"]
+
+CELLS = 128
+
+
+@dataclass(frozen=True, eq=False)
+class CoordinationMap:
+    """`blocked` (N, N) uint8; None where the paths' swept boxes or solids never come near."""
+
+    blocked: np.ndarray | None
+    tests: int
+
+    @property
+    def all_free(self) -> bool:
+        """True if no pair of times can collide."""
+        return self.blocked is None
+
+
+@numba.njit(cache=True)
+def _capsule_map(ends_a, radius_a, travel_a, ends_b, radius_b, travel_b, pairs, clearance, blocked):
+    """Fill `blocked`; returns the number of distances computed."""
+    cells = blocked.shape[0]
+    levels = 1
+    while (1 << (levels - 1)) < cells:
+        levels += 1
+    count = pairs.shape[0]
+    near = np.empty((levels + 1, count), dtype=np.int64)
+    near_count = np.zeros(levels + 1, dtype=np.int64)
+    for m in range(count):
+        near[0, m] = m
+    near_count[0] = count
+    stack = np.empty((4 * levels + 4, 3), dtype=np.int64)
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, 0, 0
+    top = 1
+    tests = 0
+    while top > 0:
+        top -= 1
+        i0, j0, depth = stack[top, 0], stack[top, 1], stack[top, 2]
+        size = cells >> depth
+        ma, mb = 2 * i0 + size, 2 * j0 + size
+        left = 0
+        hit = False
+        for m in range(near_count[depth]):
+            pair = near[depth, m]
+            a, b = pairs[pair, 0], pairs[pair, 1]
+            way = max(
+                travel_a[2 * (i0 + size), a] - travel_a[ma, a],
+                travel_a[ma, a] - travel_a[2 * i0, a],
+            ) + max(
+                travel_b[2 * (j0 + size), b] - travel_b[mb, b],
+                travel_b[mb, b] - travel_b[2 * j0, b],
+            )
+            tests += 1
+            apart = segment_distance(ends_a[ma, a], ends_b[mb, b]) - radius_a[a] - radius_b[b]
+            if apart <= clearance + way:
+                near[depth + 1, left] = pair
+                left += 1
+                if apart + way <= clearance:
+                    hit = True
+        near_count[depth + 1] = left
+        if left == 0:
+            continue
+        if hit or size == 1:
+            for i in range(i0, i0 + size):
+                for j in range(j0, j0 + size):
+                    blocked[i, j] = 1
+            continue
+        half = size // 2
+        for di in range(2):
+            for dj in range(2):
+                stack[top, 0] = i0 + di * half
+                stack[top, 1] = j0 + dj * half
+                stack[top, 2] = depth + 1
+                top += 1
+    return tests
+
+
+def coordination_map(
+    path_a: SweptPath,
+    path_b: SweptPath,
+    clearance_m: float,
+    exact: tuple[ExactPlacer, ExactPlacer] | None = None,
+) -> CoordinationMap:
+    """Map of two swept paths (of 2 N pieces each). `exact` adds the second try with coal solids."""
+    gap = clearance_m
+    low = np.maximum(path_a.box_m[0], path_b.box_m[0])
+    high = np.minimum(path_a.box_m[1], path_b.box_m[1])
+    if (low > high + gap).any():
+        return CoordinationMap(None, 0)
+    a, b = np.meshgrid(
+        np.arange(len(path_a.radius_m)), np.arange(len(path_b.radius_m)), indexing="ij"
+    )
+    pairs = np.stack([a.ravel(), b.ravel()], axis=1)
+    pairs = pairs[path_a.moving[pairs[:, 0]] | path_b.moving[pairs[:, 1]]]
+    cells = (path_a.ends_m.shape[0] - 1) // 2
+    blocked = np.zeros((cells, cells), dtype=np.uint8)
+    tests = _capsule_map(
+        path_a.ends_m, path_a.radius_m, path_a.travel_m,
+        path_b.ends_m, path_b.radius_m, path_b.travel_m,
+        np.ascontiguousarray(pairs), clearance_m, blocked,
+    )  # fmt: skip
+    if blocked.any() and exact is not None:
+        tests += _refine(path_a, path_b, clearance_m, exact, pairs, blocked)
+    return CoordinationMap(blocked if blocked.any() else None, int(tests))
+
+
+class ExactPlacer:
+    """Puts the solids of one arm at the samples of one path (2 N + 1 joint frames)."""
+
+    def __init__(self, shapes: ArmShapes, rotation: np.ndarray, origin: np.ndarray) -> None:
+        self.shapes, self.rotation, self.origin = shapes, rotation, origin
+
+    def transform(self, sample: int, solid: int) -> coal.Transform3s:
+        """World placement of a solid at a sample."""
+        j = self.shapes.joint[solid]
+        r, p = self.rotation[sample, j], self.origin[sample, j]
+        pose = self.shapes.pose[solid]
+        return coal.Transform3s(r @ pose[:3, :3], r @ pose[:3, 3] + p)
+
+
+def _refine(
+    path_a: SweptPath,
+    path_b: SweptPath,
+    clearance: float,
+    exact: tuple[ExactPlacer, ExactPlacer],
+    pairs: np.ndarray,
+    blocked: np.ndarray,
+) -> int:
+    """Free the blocks of `blocked` that the exact solids prove free; returns distances computed."""
+    cells = len(blocked)
+    place_a, place_b = exact
+    request = coal.DistanceRequest()
+    result = coal.DistanceResult()
+    stack: list[tuple[int, int, int, np.ndarray]] = [(0, 0, cells, pairs)]
+    tests = 0
+    while stack:
+        i0, j0, size, near = stack.pop()
+        block = blocked[i0 : i0 + size, j0 : j0 + size]
+        if not block.any():
+            continue
+        ma, mb = 2 * i0 + size, 2 * j0 + size
+        way_a = np.maximum(
+            path_a.travel_m[2 * (i0 + size)] - path_a.travel_m[ma],
+            path_a.travel_m[ma] - path_a.travel_m[2 * i0],
+        )
+        way_b = np.maximum(
+            path_b.travel_m[2 * (j0 + size)] - path_b.travel_m[mb],
+            path_b.travel_m[mb] - path_b.travel_m[2 * j0],
+        )
+        way = way_a[near[:, 0]] + way_b[near[:, 1]]
+        ea, eb = path_a.ends_m[ma][near[:, 0]], path_b.ends_m[mb][near[:, 1]]
+        left, hit = [], False
+        for m, (a, b) in enumerate(near):
+            bound = segment_distance(ea[m], eb[m]) - path_a.radius_m[a] - path_b.radius_m[b]
+            if bound > clearance + way[m]:
+                continue
+            tests += 1
+            result.clear()
+            distance = coal.distance(
+                place_a.shapes.solids[a], place_a.transform(ma, a),
+                place_b.shapes.solids[b], place_b.transform(mb, b), request, result,
+            )  # fmt: skip
+            if distance <= clearance + way[m]:
+                left.append(m)
+                if distance + way[m] <= clearance:
+                    hit = True
+                    break
+        if not left:
+            block[:] = 0
+        elif not hit and size > 1:
+            half = size // 2
+            rest = near[left]
+            stack += [
+                (i0 + di * half, j0 + dj * half, half, rest) for di in (0, 1) for dj in (0, 1)
+            ]
+    return tests

@@ -1,0 +1,185 @@
+"""Everything about a cell that no timing changes: power tables, swept paths, pair maps."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sequencing.timing.arm_shapes import ArmShapes, arm_shapes, joint_frames
+from sequencing.timing.cell import Cell
+from sequencing.timing.coordination import (
+    CELLS,
+    CoordinationMap,
+    ExactPlacer,
+    coordination_map,
+)
+from sequencing.timing.crossing import Crossings, PairMaps
+from sequencing.timing.dc_link import simulate_hysteresis
+from sequencing.timing.path_power import (
+    PathPower,
+    PowerTable,
+    drive_of,
+    exact_table,
+    path_power,
+    power_table,
+)
+from sequencing.timing.swept import SweptPath, swept_path
+from sequencing.timing.timeline import Timeline, drawn_j, make_timeline
+
+__all__ = ["Evaluation", "Geometry", "PreparedCell", "prepare_cell"]
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCell:
+    """A cell with the torque terms and power tables of its S trajectories, in number order."""
+
+    cell: Cell
+    paths: tuple[PathPower, ...]
+    tables: tuple[PowerTable, ...]
+
+    def timeline(self, total_s: float, step_s: float = 0.004) -> Timeline:
+        """All trajectories of all robots over `total_s`."""
+        return self._timeline(self.tables, total_s, step_s)
+
+    def window(self, numbers: Sequence[int], total_s: float, step_s: float = 0.004) -> Timeline:
+        """One trajectory for each robot, by number."""
+        tables = [[self.tables[k]] for k in numbers]
+        link_of = [self.cell.link_of[self.cell.owner(k)[0]] for k in numbers]
+        return make_timeline(tables, total_s, self.cell.links, link_of, step_s)
+
+    def evaluate(
+        self, start_s: np.ndarray, override: np.ndarray, total_s: float, step_s: float = 0.001
+    ) -> Evaluation:
+        """Energy with the per-joint model at fine steps and the chopper's hysteresis."""
+        exact = tuple(exact_table(p, float(d)) for p, d in zip(self.paths, override))
+        line = self._timeline(exact, total_s, step_s)
+        drawn = drawn_j(line, start_s, override)
+        runs = [
+            simulate_hysteresis(drawn[m], line.step_s, link)
+            for m, link in enumerate(self.cell.links)
+        ]
+        link_j = float(sum(run.energy_j for run in runs))
+        grid_w = np.sum(
+            [run.grid_j * link.grid_factor for run, link in zip(runs, self.cell.links)], axis=0
+        )
+        return Evaluation(
+            link_j, link_j + self.base_load_w * total_s, grid_w / line.step_s,
+            float(sum(run.chopper_j.sum() for run in runs)), line.step_s,
+        )  # fmt: skip
+
+    @property
+    def base_load_w(self) -> float:
+        """Constant consumption on the grid side: the cell's own and the robots' cabinets."""
+        return self.cell.base_load_w + sum(drive_of(r.robot).base_power_w for r in self.cell.robots)
+
+    def robot_power_w(
+        self, start_s: np.ndarray, override: np.ndarray, total_s: float, step_s: float = 0.004
+    ) -> np.ndarray:
+        """Power of each robot on its link (R, K) [W]."""
+        exact = tuple(exact_table(p, float(d)) for p, d in zip(self.paths, override))
+        first = self.cell.first
+        tables = [list(exact[a:b]) for a, b in itertools.pairwise(first)]
+        count = len(tables)
+        links = [self.cell.links[m] for m in self.cell.link_of]
+        line = make_timeline(tables, total_s, links, range(count), step_s)
+        return drawn_j(line, start_s, override) / line.step_s
+
+    def _timeline(self, tables: Sequence[PowerTable], total_s: float, step_s: float) -> Timeline:
+        first = self.cell.first
+        groups = [list(tables[a:b]) for a, b in itertools.pairwise(first)]
+        return make_timeline(groups, total_s, self.cell.links, self.cell.link_of, step_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """`link_j`: grid energy for the DC links [J]; `total_j`: constant consumers included.
+
+    `grid_w` (K,) is the power that the links draw from the grid in steps of `step_s`, `chopper_j`
+    what the choppers burn.
+    """
+
+    link_j: float
+    total_j: float
+    grid_w: np.ndarray
+    chopper_j: float
+    step_s: float
+
+
+def prepare_cell(cell: Cell, cell_s: float = 0.004) -> PreparedCell:
+    """Inverse dynamics once along every path of the cell."""
+    paths = tuple(
+        path_power(loaded, trajectory, cell_s)
+        for robot in cell.robots
+        for loaded, trajectory in zip(robot.loaded, robot.trajectories)
+    )
+    return PreparedCell(cell, paths, tuple(power_table(path) for path in paths))
+
+
+class Geometry:
+    """Swept paths and coordination maps of a cell, made when first asked for."""
+
+    def __init__(self, cell: Cell, exact: bool = True) -> None:
+        self.cell, self.exact = cell, exact
+        self.shapes: list[ArmShapes] = [arm_shapes(r.robot, r.tool_bodies) for r in cell.robots]
+        self._swept: dict[int, SweptPath] = {}
+        self._frames: dict[int, ExactPlacer] = {}
+        self._maps: dict[tuple[int, int], CoordinationMap] = {}
+
+    def swept(self, number: int) -> SweptPath:
+        """The path of a trajectory, in 2 `CELLS` pieces."""
+        if number not in self._swept:
+            r, k = self.cell.owner(number)
+            item = self.cell.robots[r]
+            self._swept[number] = swept_path(
+                item.robot, self.shapes[r], item.trajectories[k], 2 * CELLS
+            )
+        return self._swept[number]
+
+    def map(self, a: int, b: int) -> CoordinationMap:
+        """The map of trajectories a and b (by number, of two robots, a < b)."""
+        if (a, b) not in self._maps:
+            first, second = self.swept(a), self.swept(b)
+            found = coordination_map(first, second, self.cell.clearance_m)
+            if not found.all_free and self.exact:
+                placers = (self._placer(a), self._placer(b))
+                found = coordination_map(first, second, self.cell.clearance_m, placers)
+            self._maps[a, b] = found
+        return self._maps[a, b]
+
+    def crossings(self, total_s: float) -> Crossings:
+        """Check of whole schedules, all trajectories of all robots."""
+        first = self.cell.first
+        spans = list(itertools.pairwise(first))
+        pairs = [
+            PairMaps(spans[i], spans[j], self.map)
+            for i in range(len(spans))
+            for j in range(i + 1, len(spans))
+        ]
+        durations = np.array([t for row in self.cell.durations_s for t in row])
+        return Crossings(pairs, durations, total_s)
+
+    def window(self, numbers: Sequence[int], total_s: float) -> Crossings:
+        """Check of one window: one trajectory for each robot, by number."""
+
+        def build(i: int, j: int) -> CoordinationMap:
+            return self.map(numbers[i], numbers[j])
+
+        size = len(numbers)
+        pairs = [
+            PairMaps((i, i + 1), (j, j + 1), build) for i in range(size) for j in range(i + 1, size)
+        ]
+        flat = np.array([t for row in self.cell.durations_s for t in row])
+        return Crossings(pairs, flat[list(numbers)], total_s)
+
+    def _placer(self, number: int) -> ExactPlacer:
+        if number not in self._frames:
+            r, k = self.cell.owner(number)
+            item = self.cell.robots[r]
+            bare = item.trajectories[k]
+            t = np.linspace(0.0, bare.duration_s, 2 * CELLS + 1) + bare.t_s[0]
+            q = type(bare)(bare.t_s, bare.q_rad, bare.velocity_rad_s, bare.torque_nm).sample(t)
+            self._frames[number] = ExactPlacer(self.shapes[r], *joint_frames(item.robot, q.q_rad))
+        return self._frames[number]

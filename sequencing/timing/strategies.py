@@ -1,0 +1,191 @@
+"""Ways to time a cell: as fast as possible, stretched, window by window, and all at once.
+
+A *window* k lets every robot run its k-th trajectory; all begin together, and the next window
+begins when the slowest (critical) robot, which is never slowed down, has ended. This is the DTO
+paper's sub-problem. The *general* problem has no windows: only each robot's order, the
+hand-overs, and the same end of the process.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sequencing.timing.optimise import DEFAULT_SEARCH, SearchParams, TimingResult, optimise_timing
+from sequencing.timing.prepared import Geometry, PreparedCell
+from sequencing.timing.slack import SlackGraph, decode, encode, slack_graph
+
+__all__ = [
+    "Timing", "Windows", "fast_timing", "general_timing", "make_windows", "stretched_timing",
+    "window_timing",
+]  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """Starts [s] and overrides (S,) of all trajectories, and the end of the process [s]."""
+
+    start_s: np.ndarray
+    override: np.ndarray
+    total_s: float
+    evaluations: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """`numbers`: the trajectories of each window, at most one a robot; `edges_s` (W+1,) [s]."""
+
+    numbers: tuple[tuple[int, ...], ...]
+    edges_s: np.ndarray
+
+
+def make_windows(prepared: PreparedCell, groups: list[list[int]] | None = None) -> Windows | None:
+    """Windows of the k-th trajectories, or of given `groups`; None where they do not fit.
+
+    They fit if no robot has to stand still after a trajectory and every hand-over leads from an
+    earlier window to a later one.
+    """
+    cell = prepared.cell
+    first = cell.first
+    if any(pause > 0 for robot in cell.robots for pause in robot.pause_s):
+        return None
+    if groups is None:
+        sizes = [len(robot.trajectories) for robot in cell.robots]
+        groups = [
+            [first[r] + k for r, size in enumerate(sizes) if k < size] for k in range(max(sizes))
+        ]
+    window_of = {number: w for w, group in enumerate(groups) for number in group}
+    if any(window_of[a] >= window_of[b] for a, b in cell.handovers):
+        return None
+    flat = np.array([t for row in cell.durations_s for t in row])
+    lengths = [flat[group].max() for group in groups]
+    return Windows(tuple(map(tuple, groups)), np.concatenate([[0.0], np.cumsum(lengths)]))
+
+
+def whole_graph(
+    prepared: PreparedCell,
+    total_s: float | None,
+    fixed: dict[int, tuple[float, float]] | None = None,
+) -> SlackGraph:
+    """The general problem's graph."""
+    cell = prepared.cell
+    pauses = [robot.pause_s for robot in cell.robots]
+    return slack_graph(cell.durations_s, cell.handovers, total_s, fixed, pauses)
+
+
+def fast_timing(prepared: PreparedCell, windows: Windows | None) -> Timing:
+    """Every trajectory at full speed, as early as its window (or its predecessors) allow."""
+    size = prepared.cell.first[-1]
+    if windows is None:
+        graph = whole_graph(prepared, None)
+        start, override = decode(graph, np.zeros((2, size)))
+        return Timing(start, override, graph.total_s)
+    start = np.zeros(size)
+    for w, group in enumerate(windows.numbers):
+        start[list(group)] = windows.edges_s[w]
+    return Timing(start, np.ones(size), float(windows.edges_s[-1]))
+
+
+def stretched_timing(prepared: PreparedCell, windows: Windows | None, total_s: float) -> Timing:
+    """Slowed down as far as the window allows, without waiting; else evenly over the slack."""
+    fast = fast_timing(prepared, windows)
+    flat = np.array([t for row in prepared.cell.durations_s for t in row])
+    if windows is None:
+        graph = whole_graph(prepared, total_s)
+        z = np.zeros((2, flat.size))
+        # The k-th of n remaining trajectories takes 1/n of the slack that is left.
+        first = prepared.cell.first
+        for a, b in itertools.pairwise(first):
+            z[0, a:b] = 1.0 / np.arange(b - a, 0, -1)
+        start, override = decode(graph, z)
+        return Timing(start, override, graph.total_s)
+    lengths = np.ones(flat.size)
+    for w, group in enumerate(windows.numbers):
+        lengths[list(group)] = windows.edges_s[w + 1] - windows.edges_s[w]
+    return Timing(fast.start_s, flat / lengths, fast.total_s)
+
+
+def window_timing(
+    prepared: PreparedCell,
+    windows: Windows,
+    seed: int,
+    geometry: Geometry | None,
+    params: SearchParams = DEFAULT_SEARCH,
+) -> Timing:
+    """Each window optimised by itself; `geometry` None ignores collisions.
+
+    A window without an allowed schedule keeps the fast one; the final check will name it.
+    """
+    flat = np.array([t for row in prepared.cell.durations_s for t in row])
+    fast = fast_timing(prepared, windows)
+    start, override = fast.start_s.copy(), fast.override.copy()
+    seeds = np.random.default_rng(seed).integers(2**31, size=len(windows.numbers))
+    evaluations = 0
+    for w, group in enumerate(windows.numbers):
+        numbers = list(group)
+        length = float(windows.edges_s[w + 1] - windows.edges_s[w])
+        result = window_result(prepared, numbers, length, int(seeds[w]), geometry, params, flat)
+        evaluations += result.evaluations
+        if np.isfinite(result.value_j):
+            start[numbers] = windows.edges_s[w] + result.start_s
+            override[numbers] = result.override
+    return Timing(start, override, fast.total_s, evaluations)
+
+
+def window_result(
+    prepared: PreparedCell,
+    numbers: list[int],
+    length_s: float,
+    seed: int,
+    geometry: Geometry | None,
+    params: SearchParams,
+    flat: np.ndarray,
+) -> TimingResult:
+    """One window: the trajectories `numbers`, one a robot, within `length_s`."""
+    line = prepared.window(numbers, length_s)
+    graph = slack_graph([[flat[k]] for k in numbers], (), length_s)
+    free = None if geometry is None else geometry.window(numbers, length_s).free
+    return optimise_timing(line, graph, seed, free, params)
+
+
+def general_timing(
+    prepared: PreparedCell,
+    start: Timing,
+    seed: int,
+    geometry: Geometry | None,
+    iterations: int = 150,
+    rounds: int = 12,
+) -> Timing:
+    """The general problem, from an allowed schedule that it never becomes worse than.
+
+    Gradient descent over everything; trajectories that then meet are put back to where `start`
+    has them and frozen, and the rest is optimised again. What remains is an allowed schedule. The
+    frozen ones are at last moved one by one as far as the maps allow.
+    """
+    params = SearchParams(method="gradient", gradient_starts=1, gradient_iterations=iterations)
+    line = prepared.timeline(start.total_s)
+    crossings = None if geometry is None else geometry.crossings(start.total_s)
+    flat = np.array([t for row in prepared.cell.durations_s for t in row])
+    frozen: dict[int, tuple[float, float]] = {}
+    best = start
+    spent = 0
+    for _ in range(rounds):
+        graph = whole_graph(prepared, start.total_s, frozen)
+        begin = encode(graph, start.start_s, start.override)
+        found = optimise_timing(line, graph, seed, None, params, begin[None])
+        spent += found.evaluations
+        best = Timing(found.start_s, found.override, start.total_s, spent)
+        meeting = [] if crossings is None else crossings.collisions(best.start_s, best.override)
+        if not meeting:
+            return best
+        grown = {k for pair in meeting for k in pair}
+        if grown <= set(frozen):
+            # They stand where they did, so somebody left earlier or later: hold the neighbours too.
+            grown |= {k + d for k in grown for d in (-1, 1) if 0 <= k + d < flat.size}
+        if grown <= set(frozen):
+            break
+        for k in grown:
+            frozen[k] = (float(start.start_s[k]), float(flat[k] / start.override[k]))
+    return replace(start, evaluations=spent)

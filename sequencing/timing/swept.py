@@ -1,0 +1,149 @@
+r"""How far each solid of an arm can have moved between two times of a fixed path: a proven bound.
+
+Between two times every point of solid c moves at most
+
+    int sum_{j carries c} r_{cj} |dq_j|,
+
+r_{cj} bounding its distance from joint j's axis. The path is cut into P pieces; in a piece r_{cj}
+is the larger distance at the two ends plus what the joints behind j can add, and int |dq_j| is
+bounded by the Bernstein coefficients of the speed, a quadratic between knots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dmoc.robot import Robot
+from dmoc.trajectory import JointTrajectory
+from sequencing.timing.arm_shapes import ArmShapes, joint_frames
+
+__all__ = ["SweptPath", "joint_travel", "reaches", "swept_path"]
+
+
+@dataclass(frozen=True, eq=False)
+class SweptPath:
+    """Capsules along a path at P + 1 equally spaced times.
+
+    `ends_m` (P+1, C, 2, 3) in the world, `radius_m` (C,), `travel_m` (P+1, C) the cumulated bound
+    on the way of any point, `box_m` (2, 3) a box that contains all solids at all times, `moving`
+    (C,) whether a solid moves at all.
+    """
+
+    duration_s: float
+    ends_m: np.ndarray
+    radius_m: np.ndarray
+    travel_m: np.ndarray
+    box_m: np.ndarray
+    moving: np.ndarray
+
+
+def swept_path(
+    robot: Robot, shapes: ArmShapes, trajectory: JointTrajectory, pieces: int = 256
+) -> SweptPath:
+    """Sweep `shapes` along `trajectory` in `pieces` equal time steps."""
+    t = np.linspace(0.0, trajectory.duration_s, pieces + 1) + trajectory.t_s[0]
+    bare = JointTrajectory(
+        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
+    )
+    rotation, origin = joint_frames(robot, bare.sample(t).q_rad)
+    joint = shapes.joint
+    ends = (
+        np.einsum("kcab,ceb->kcea", rotation[:, joint], shapes.ends_m)
+        + origin[:, joint][:, :, None, :]
+    )
+    turn = joint_travel(bare, t)
+    lever = _levers(robot, shapes, rotation, origin, ends, turn)
+    step = np.einsum("pcj,pj->pc", lever, turn)
+    travel = np.vstack([np.zeros(step.shape[1]), np.cumsum(step, axis=0)])
+    slack = (shapes.radius_m + step.max(axis=0))[None, :, None, None]
+    box = np.array([(ends - slack).min(axis=(0, 1, 2)), (ends + slack).max(axis=(0, 1, 2))])
+    return SweptPath(
+        trajectory.duration_s, np.ascontiguousarray(ends), shapes.radius_m, travel, box,
+        travel[-1] > 0.0,
+    )  # fmt: skip
+
+
+def joint_travel(trajectory: JointTrajectory, t_s: np.ndarray) -> np.ndarray:
+    """Upper bound of int |dq_j/dt| dt over each of the P intervals of `t_s` (P+1,): (P, n)."""
+    inner = trajectory.t_s[(trajectory.t_s > t_s[0]) & (trajectory.t_s < t_s[-1])]
+    edges = np.unique(np.concatenate([t_s, inner]))
+    left, right = edges[:-1], edges[1:]
+    width = right - left
+    # Samples just inside a piece, so that both belong to the same cubic.
+    nudge = 1e-9 * width
+    v0 = trajectory.sample(left + nudge).velocity_rad_s
+    v1 = trajectory.sample(right - nudge).velocity_rad_s
+    middle = trajectory.sample(0.5 * (left + right)).velocity_rad_s
+    control = 2.0 * middle - 0.5 * (v0 + v1)
+    bound = np.maximum(np.maximum(np.abs(v0), np.abs(v1)), np.abs(control)) * (1 + 1e-6)
+    piece = np.clip(np.searchsorted(t_s, 0.5 * (left + right)) - 1, 0, len(t_s) - 2)
+    total = np.zeros((len(t_s) - 1, bound.shape[1]))
+    np.add.at(total, piece, bound * width[:, None])
+    return total
+
+
+def _levers(
+    robot: Robot,
+    shapes: ArmShapes,
+    rotation: np.ndarray,
+    origin: np.ndarray,
+    ends: np.ndarray,
+    turn: np.ndarray,
+) -> np.ndarray:
+    """r (P, C, n): largest distance of a point of solid c from the axis of joint j in a piece."""
+    model = robot.model
+    pieces, solids, n = turn.shape[0], len(shapes.joint), model.nv
+    lever = np.zeros((pieces, solids, n))
+    reach = _chain(robot, shapes)
+    for j in range(1, model.njoints):
+        kind = model.joints[j].shortname()
+        column = model.joints[j].idx_v
+        axis = _axis(model, j)
+        world_axis = rotation[:, j] @ axis
+        arm = ends - origin[:, j][:, None, None, :]
+        across = np.linalg.norm(np.cross(arm, world_axis[:, None, None, :]), axis=-1).max(axis=2)
+        across = np.maximum(across[1:], across[:-1]) + shapes.radius_m
+        carried = reach[:, j] > 0.0
+        behind = np.zeros((pieces, solids))
+        for k in range(j + 1, model.njoints):
+            column_k = model.joints[k].idx_v
+            behind += reach[:, k] * turn[:, column_k, None] * (reach[:, k] > 0.0)
+        if "P" in kind.removeprefix("JointModel")[:1]:
+            lever[:, :, column] = carried * 1.0
+        else:
+            lever[:, :, column] = carried * np.minimum(across + behind, reach[:, j])
+    return lever
+
+
+def _chain(robot: Robot, shapes: ArmShapes) -> np.ndarray:
+    """(C, J): length of the chain from joint j to the far side of solid c, 0 if not carried."""
+    model = robot.model
+    reach = np.zeros((len(shapes.joint), model.njoints))
+    for c in range(len(shapes.joint)):
+        length = float(np.linalg.norm(shapes.ends_m[c], axis=1).max() + shapes.radius_m[c])
+        j = int(shapes.joint[c])
+        while j > 0:
+            reach[c, j] = length
+            length += float(np.linalg.norm(model.jointPlacements[j].translation))
+            j = int(model.parents[j])
+    return reach
+
+
+def reaches(robot: Robot, shapes: ArmShapes) -> np.ndarray:
+    """(C, n): metres that a point of solid c moves at most per radian of joint j, at any q."""
+    model = robot.model
+    chain = _chain(robot, shapes)
+    out = np.zeros((len(shapes.joint), model.nv))
+    for j in range(1, model.njoints):
+        slides = model.joints[j].shortname().removeprefix("JointModel").startswith("P")
+        out[:, model.joints[j].idx_v] = (chain[:, j] > 0.0) if slides else chain[:, j]
+    return out
+
+
+def _axis(model: object, j: int) -> np.ndarray:
+    kind = model.joints[j].shortname().removeprefix("JointModel")  # type: ignore[attr-defined]
+    if kind in ("RX", "RY", "RZ", "PX", "PY", "PZ"):
+        return np.eye(3)["XYZ".index(kind[1])]
+    return np.asarray(model.joints[j].extract().axis, dtype=float)  # type: ignore[attr-defined]
