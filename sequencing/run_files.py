@@ -115,21 +115,18 @@ def read_run(folder: Path | str, robot: Robot | None = None) -> Run:
     folder = Path(folder)
     result = _read_result(folder)
     archive = _read_motions(folder, result)
-    note = ""
-    if robot is None:
-        robot, note = _robot_of(result["robot"])
-    motions = []
-    for entry in result["motions"]:
-        trajectory = None
-        if f"{entry['key']}/t_s" in archive:
-            columns = {name: archive[f"{entry['key']}/{name}"] for name in _ARRAYS}
-            trajectory = JointTrajectory(**columns, robot=robot)
-        motions.append(_motion_of(entry, trajectory))
-    welds = tuple(
-        Weld(w["stud"], int(w["alternative"]), w["q_rad"], w["cost"], w["time_s"])
-        for w in result["welds"]
-    )
-    return Run(folder, MappingProxyType(result), tuple(motions), welds, robot, note)
+    try:
+        note = ""
+        if robot is None:
+            robot, note = _robot_of(result["robot"])
+        motions = tuple(_motion_of(entry, archive, robot) for entry in result["motions"])
+        welds = tuple(
+            Weld(w["stud"], int(w["alternative"]), w["q_rad"], w["cost"], w["time_s"])
+            for w in result["welds"]
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise _damaged(folder / "result.json", error) from error
+    return Run(folder, MappingProxyType(result), motions, welds, robot, note)
 
 
 def _read_result(folder: Path) -> dict[str, Any]:
@@ -146,16 +143,20 @@ def _read_result(folder: Path) -> dict[str, Any]:
         for key in ("name", "robot", "motions", "welds", "files"):
             result[key]
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            Fault("run-damaged", file=str(path), value=f"{type(error).__name__}: {error}",
-                  legal="the result.json of a run", fix="plan the station again")
-        ) from error  # fmt: skip
+        raise _damaged(path, error) from error
     if version != SCHEMA_VERSION:
         raise InputError(
             Fault("run-version", file=str(path), field="schema_version", value=str(version),
                   legal=str(SCHEMA_VERSION), fix="plan the station again with this version")
         )  # fmt: skip
     return dict(result)
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    return InputError(
+        Fault("run-damaged", file=str(path), value=f"{type(error).__name__}: {error}"[:200],
+              legal="the result.json of a run", fix="plan the station again")
+    )  # fmt: skip
 
 
 def _read_motions(folder: Path, result: Mapping[str, Any]) -> dict[str, Array]:
@@ -171,7 +172,13 @@ def _read_motions(folder: Path, result: Mapping[str, Any]) -> dict[str, Array]:
         return {key: archive[key] for key in archive.files}
 
 
-def _motion_of(entry: Mapping[str, Any], trajectory: JointTrajectory | None) -> CycleMotion:
+def _motion_of(
+    entry: Mapping[str, Any], archive: Mapping[str, Array], robot: Robot | None
+) -> CycleMotion:
+    trajectory = None
+    if f"{entry['key']}/t_s" in archive:
+        columns = {name: archive[f"{entry['key']}/{name}"] for name in _ARRAYS}
+        trajectory = JointTrajectory(**columns, robot=robot)
     motion = Motion(
         status=Status(entry["status"]), source=entry["source"], trajectory=trajectory,
         cost=float("inf") if entry["cost"] is None else entry["cost"],

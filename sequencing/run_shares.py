@@ -18,7 +18,8 @@ def cost_shares(trajectory: JointTrajectory, cost: Cost | ElectricalCost) -> dic
 
     with u_k the torque that is constant on interval k. The keys are `time`, `effort`, `velocity`.
     For an `ElectricalCost` the effort is the price of the joules, which needs the drive model and
-    is therefore left out; time and velocity are the same.
+    is therefore left out; time and velocity are the same. Matrices Q, R add a term `matrices`,
+    with the state at the middle of an interval.
     """
     h = np.diff(trajectory.t_s)
     speed = np.diff(trajectory.q_rad, axis=0) / h[:, None]
@@ -26,4 +27,7 @@ def cost_shares(trajectory: JointTrajectory, cost: Cost | ElectricalCost) -> dic
     if isinstance(cost, Cost):
         shares["effort"] = cost.effort * float(h @ np.sum(trajectory.torque_nm**2, axis=1))
     shares["velocity"] = cost.velocity * float(h @ np.sum(speed**2, axis=1))
+    if isinstance(cost, Cost) and (cost.state_matrix or cost.torque_matrix):
+        middle = (trajectory.q_rad[1:] + trajectory.q_rad[:-1]) / 2
+        shares["matrices"] = float(h @ cost.matrix_rate(middle, speed, trajectory.torque_nm))
     return shares

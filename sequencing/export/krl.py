@@ -6,7 +6,15 @@ import numpy as np
 
 from dmoc.arrays import Array
 from sequencing.cycle_types import Weld
-from sequencing.export.wording import POINT_TO_POINT, header_lines, identifier, six_joints, steps
+from sequencing.export.wording import (
+    POINT_TO_POINT,
+    ascii_text,
+    header_lines,
+    identifier,
+    six_joints,
+    steps,
+    title,
+)
 from sequencing.run_files import Run
 
 __all__ = ["krl_program"]
@@ -24,7 +32,7 @@ def krl_program(run: Run) -> str:
         if isinstance(step, Weld):
             if first:
                 body.append(f"  PTP {_axes(step.q_rad)}")
-            body += [f"  ; weld {step.stud}: start the process here",
+            body += [f"  ; weld {ascii_text(step.stud)}: start the process here",
                      f"  WAIT SEC {step.time_s:.3f}"]  # fmt: skip
             first = False
             continue
@@ -32,7 +40,7 @@ def krl_program(run: Run) -> str:
         if first:
             body.append(f"  PTP {_axes(trajectory.q_rad[0])}")
         first = False
-        body.append(f"  ; motion {item.key} {item.origin} -> {item.target}")
+        body.append(f"  ; motion {title(item)}")
         last = trajectory.num_intervals
         for k, q in enumerate(trajectory.q_rad[1:], start=1):
             body.append(f"  PTP {_axes(q)}" + ("" if k == last else " C_PTP"))

@@ -6,7 +6,15 @@ import numpy as np
 
 from dmoc.arrays import Array
 from sequencing.cycle_types import Weld
-from sequencing.export.wording import POINT_TO_POINT, header_lines, identifier, six_joints, steps
+from sequencing.export.wording import (
+    POINT_TO_POINT,
+    ascii_text,
+    header_lines,
+    identifier,
+    six_joints,
+    steps,
+    title,
+)
 from sequencing.run_files import Run
 
 __all__ = ["rapid_program"]
@@ -27,7 +35,7 @@ def rapid_program(run: Run) -> str:
         if isinstance(step, Weld):
             if first:
                 body.append(f"    MoveAbsJ {_target(step.q_rad)}\\NoEOffs, v200, fine, tool0;")
-            body += [f"    ! weld {step.stud}: start the process here",
+            body += [f"    ! weld {ascii_text(step.stud)}: start the process here",
                      f"    WaitTime {step.time_s:.3f};"]  # fmt: skip
             first = False
             continue
@@ -35,7 +43,7 @@ def rapid_program(run: Run) -> str:
         if first:
             body.append(f"    MoveAbsJ {_target(trajectory.q_rad[0])}\\NoEOffs, v200, fine, tool0;")
         first = False
-        body.append(f"    ! motion {item.key} {item.origin} -> {item.target}")
+        body.append(f"    ! motion {title(item)}")
         lengths = np.diff(trajectory.t_s)
         for k, (q, seconds) in enumerate(zip(trajectory.q_rad[1:], lengths)):
             zone = "fine" if k + 1 == len(lengths) else "z1"

@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from sequencing.cycle_types import Weld
-from sequencing.export.wording import STREAMED, header_lines, identifier, sampled, six_joints, steps
+from sequencing.export.wording import (
+    STREAMED,
+    ascii_text,
+    header_lines,
+    identifier,
+    sampled,
+    six_joints,
+    steps,
+    title,
+)
 from sequencing.run_files import Run
 
 __all__ = ["urscript_program"]
@@ -22,7 +31,7 @@ def urscript_program(run: Run, step_s: float) -> tuple[str, float]:
             if first:
                 body.append(f"  movej({_vector(step.q_rad)}, a=0.5, v=0.3)  # go to the start")
             body += [
-                f"  # weld {step.stud}: start the process here",
+                f"  # weld {ascii_text(step.stud)}: start the process here",
                 f"  sleep({step.time_s:.6f})",
             ]
             first = False
@@ -33,7 +42,7 @@ def urscript_program(run: Run, step_s: float) -> tuple[str, float]:
         if first:
             body.append(f"  movej({_vector(trajectory.q_rad[0])}, a=0.5, v=0.3)  # go to the start")
         first = False
-        body.append(f"  # motion {item.key} {item.origin} -> {item.target}")
+        body.append(f"  # motion {title(item)}")
         body += [
             f"  servoj({_vector(q)}, t={step_s:g}, lookahead_time={_LOOKAHEAD_S:g}, gain={_GAIN})"
             for q in points

@@ -14,7 +14,15 @@ from sequencing.cycle_types import CycleMotion, Weld
 from sequencing.run_files import Run
 from sequencing.run_timeline import trajectory_of
 
-__all__ = ["POINT_TO_POINT", "STREAMED", "header_lines", "identifier", "six_joints", "steps"]
+__all__ = [
+    "POINT_TO_POINT",
+    "STREAMED",
+    "ascii_text",
+    "header_lines",
+    "identifier",
+    "six_joints",
+    "steps",
+]
 
 POINT_TO_POINT = (
     "Point-to-point export does NOT preserve the planned timing and therefore not the planned "
@@ -47,8 +55,14 @@ def header_lines(run: Run, statement: str) -> list[str]:
 
 
 def ascii_text(text: str) -> str:
-    """Text with everything beyond ASCII replaced."""
-    return text.replace("→", "->").encode("ascii", "replace").decode("ascii")
+    """One line of printable ASCII: a name from a file cannot end a comment and begin a command."""
+    plain = text.replace("→", "->").encode("ascii", "replace").decode("ascii")
+    return "".join(c if c.isprintable() else "?" for c in plain)
+
+
+def title(item: CycleMotion) -> str:
+    """`m000 S01 -> S07`, fit for a comment."""
+    return ascii_text(f"{item.key} {item.origin} -> {item.target}")
 
 
 def identifier(text: str, longest: int) -> str:

@@ -32,7 +32,8 @@ def tables_markdown(result: Result) -> str:
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A Markdown table; the first column is left-aligned, the others right-aligned."""
     rule = ["---"] + ["---:"] * (len(header) - 1)
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [header, rule, *rows])
+    clean = [[" ".join(cell.replace("|", "¦").split()) for cell in row] for row in [header, *rows]]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [clean[0], rule, *clean[1:]])
 
 
 def number(value: float | None, digits: int = 1) -> str:
@@ -146,7 +147,9 @@ def table_shares(result: Result) -> str:
         )
     header = ["motion", "status", "clearance mm", "time s", "J", "J time", "J effort", "J velocity"]
     cost = result["cost"]
-    weights = ", ".join(f"{key} {value:g}" for key, value in cost.items() if key != "kind")
+    weights = ", ".join(
+        f"{key} {value:g}" for key, value in cost.items() if isinstance(value, float)
+    )
     return markdown_table(header, rows) + f"\n\nWeights ({cost['kind']}): {weights}."
 
 

@@ -150,6 +150,17 @@ def test_a_bulge_between_the_knots_is_seen(tmp_path):
     assert any("m000" in fault.field for fault in caught.value.faults)
 
 
+@pytest.mark.parametrize("format", ["urscript", "rapid", "krl"])
+def test_a_name_cannot_become_a_command(tmp_path, format):
+    cycle = sample_cycle()
+    evil = replace(cycle.welds[0], stud="S1\nset_digital_out(0, True)\n")
+    run = run_of(tmp_path, replace(cycle, welds=(evil, *cycle.welds[1:])))
+    (path,) = export_run(run, format, tmp_path).files
+    lines = [line for line in path.read_text().splitlines() if "set_digital_out" in line]
+    assert len(lines) == 1
+    assert lines[0].strip()[0] in "#!;"
+
+
 def test_what_may_collide_is_not_exported(tmp_path):
     cycle = sample_cycle()
     item = cycle.motions[1]
