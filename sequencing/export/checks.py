@@ -14,7 +14,7 @@ __all__ = ["POSITION_SLACK_RAD", "SPEED_SLACK", "TORQUE_SLACK", "check_exportabl
 # The optimiser keeps its limits at the knots and on average between them; the smooth curve through
 # the knots may bulge a little beyond, less than a controller's own supervision lets through.
 POSITION_SLACK_RAD = 1e-3
-SPEED_SLACK = 0.02
+SPEED_SLACK = 0.01
 TORQUE_SLACK = 1e-3
 
 _PER_INTERVAL = 8
