@@ -119,6 +119,8 @@ def read_run(folder: Path | str, robot: Robot | None = None) -> Run:
         note = ""
         if robot is None:
             robot, note = _robot_of(result["robot"])
+        elif robot.fingerprint != result["robot"]["fingerprint"]:
+            note = f"robot {robot.name} is not the one that the run was planned with"
         motions = tuple(_motion_of(entry, archive, robot) for entry in result["motions"])
         welds = tuple(
             Weld(w["stud"], int(w["alternative"]), w["q_rad"], w["cost"], w["time_s"])

@@ -13,6 +13,7 @@ from dmoc.trajectory import JointTrajectory
 from sequencing.export.exporting import EXPORT_FORMATS, export_run
 from sequencing.export.readers import read_krl, read_log, read_rapid, read_ros, read_urscript
 from sequencing.run_files import read_run, write_run
+from sequencing.run_loose import loose_run
 
 
 def run_of(folder, cycle):
@@ -169,6 +170,19 @@ def test_what_may_collide_is_not_exported(tmp_path):
     with pytest.raises(InputError) as caught:
         export_run(run, "csv", tmp_path / "out")
     assert [fault.code for fault in caught.value.faults] == ["export-uncertified"]
+
+
+def test_trajectories_without_a_station_are_exported_too(tmp_path):
+    robot = sample_cycle().station.robot
+    curves = {"A": quintic(robot, np.zeros(6), np.full(6, 0.3)),
+              "B": quintic(robot, np.full(6, 0.3), np.zeros(6))}  # fmt: skip
+    run = loose_run("ur3 study", robot, curves)
+    (path,) = export_run(run, "urscript", tmp_path).files
+    assert path.name == "ur3_study.script"
+    assert "0 certified" in path.read_text()
+    np.testing.assert_allclose(read_urscript(path)["m001"][-1], np.zeros(6), atol=1e-7)
+    (path,) = export_run(run, "rtde", tmp_path).files
+    assert read_log(path)["timestamp"][-1] == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize(
