@@ -13,7 +13,8 @@ import numpy as np
 
 from dmoc.errors import Fault, ProblemError
 from dmoc.motion import Motion
-from planning.alternatives import StudAlternatives, alternatives
+from planning.alternative import StudAlternatives
+from planning.alternatives_search import alternatives
 from planning.station import Station
 from planning.world import CollisionWorld
 from sequencing import gtsp

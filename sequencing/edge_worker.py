@@ -14,11 +14,17 @@ from typing import Literal
 
 import numpy as np
 
+from dmoc.arrays import Array
 from dmoc.motion import Motion, MotionProblem
-from dmoc.nlp_types import IpoptParams
-from planning.edge_motion import plan_motion
+from dmoc.refinement import RefineParams, refine
+from dmoc.refinement.params import Method
+from dmoc.resimulation import replay_motion
+from planning.alternative import departure_knots, weld_line
+from planning.departure import LineFunction, with_departure
+from planning.edge_motion import EdgeParams, plan_motion
 from planning.shapes import Body
-from planning.station import Station, Stud
+from planning.station import Station
+from planning.studs import Stud
 from planning.world import CollisionWorld
 from sequencing.store import decode_motion, encode_motion
 
@@ -28,6 +34,7 @@ __all__ = ["EdgeJob", "EdgeResult", "context_fingerprint", "solve_edge", "write_
 EDGE_VERSION = 1
 
 Quality = Literal["screen", "final"]
+NUM_INTERVALS: dict[Quality, int] = {"screen": 20, "final": 40}
 
 
 @dataclass(frozen=True)
@@ -45,7 +52,7 @@ class EdgeJob:
     start_rad: tuple[float, ...]
     goal_rad: tuple[float, ...]
     quality: Quality
-    method: str
+    method: Method
     seed: int
     screened: bytes | None = None
 
@@ -78,24 +85,42 @@ def solve_edge(job: EdgeJob) -> EdgeResult:
     began = time.process_time()
     station, world, studs = _context(job.context)
     motion = edge_motion(station, world, studs, job)
+    if job.quality == "final" and motion.trajectory is not None:
+        motion = replay_motion(motion, station.cost)
     return EdgeResult(job.key, encode_motion(motion), time.process_time() - began)
 
 
 def edge_motion(
     station: Station, world: CollisionWorld, studs: dict[str, Stud], job: EdgeJob
 ) -> Motion:
-    """The motion of a job in a world that exists already."""
-    screened = None if job.screened is None else decode_motion(job.screened, station.robot)
-    problem = MotionProblem(
-        station.robot, np.array(job.start_rad), np.array(job.goal_rad), station.cost
-    )
-    return plan_motion(
-        problem, world,
-        origin=None if job.origin is None else studs[job.origin],
-        target=None if job.target is None else studs[job.target],
-        station=station, quality=job.quality, method=job.method, seed=job.seed,
-        initial=None if screened is None else screened.trajectory,
+    """The motion of a job in a world that exists already.
+
+    A final motion starts from the screened one on the finer grid; where that does not end
+    certified, it is planned from the beginning.
+    """
+    origin, target = (None if s is None else studs[s] for s in (job.origin, job.target))
+    start, goal = np.array(job.start_rad), np.array(job.goal_rad)
+    problem = with_departure(
+        MotionProblem(station.robot, start, goal, station.cost),
+        None if origin is None else _line(station, origin, start),
+        None if target is None else _line(station, target, goal),
+        NUM_INTERVALS[job.quality],
     )  # fmt: skip
+    lines = [weld_line(station, stud) for stud in (origin, target) if stud is not None]
+    clearance = world.clearance(*lines)
+    if job.screened is not None:
+        screened = decode_motion(job.screened, station.robot)
+        if screened.source == "refined" and screened.trajectory is not None:
+            motion = refine(problem, screened.trajectory, clearance, method=job.method)
+            if motion.status.ok and motion.certified:
+                return motion
+    return plan_motion(
+        problem, clearance, world, seed=job.seed, quality=job.quality, method=job.method
+    )
+
+
+def _line(station: Station, stud: Stud, q_rad: Array) -> LineFunction:
+    return lambda fraction: departure_knots(station, stud, q_rad, [fraction])[0]
 
 
 def context_fingerprint(station: Station, method: str) -> str:
@@ -106,7 +131,7 @@ def context_fingerprint(station: Station, method: str) -> str:
     digest = hashlib.sha256()
     digest.update(f"{EDGE_VERSION}|{method}|{station.cost!r}|{station.clearance_m!r}".encode())
     digest.update(repr(sorted(station.allowed_collisions)).encode())
-    digest.update(repr(IpoptParams()).encode())
+    digest.update(repr((RefineParams(), EdgeParams(), NUM_INTERVALS)).encode())
     for name in ("casadi", "pin", "coal", "ompl", "numpy", "toppra"):
         digest.update(f"{name}={version(name)};".encode())
     digest.update(station.robot.fingerprint.encode())

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from planning.alternatives import StudAlternatives
+from planning.alternative import StudAlternatives
 from planning.station import Station
 from sequencing.gtsp.problem import GtspProblem
 
