@@ -53,7 +53,7 @@ def certify(
     where = np.empty((max_failures, 2), dtype=np.int64)
     place = np.empty((max_failures, 2))
     found, evaluations, _ = prove(
-        scene.chain, scene.solids, scene.pairs, scene.pose, scene.moving, bezier,
+        scene.chain, scene.solids, clearance.scope.pairs, scene.pose, scene.moving, bezier,
         clearance.tracking_error_m, scene.tip, clearance.scope.lines, clearance.scope.exempt,
         max_depth, max_failures, where, place,
     )  # fmt: skip
@@ -73,7 +73,7 @@ def certify(
     return Certificate(not failures, tuple(failures), lowest, int(evaluations) + len(samples))
 
 
-def prove_path(clearance: EdgeClearance, q_rad: Array, *, max_depth: int = MAX_DEPTH) -> bool:
+def prove_path(clearance: EdgeClearance, q_rad: Array, *, max_depth: int = 11) -> bool:
     """Whether the piecewise linear path through `q_rad` (K, n) is proven free, as `certify`."""
     t = (np.arange(4) / 3.0)[None, :, None]
     q = np.asarray(q_rad, dtype=float)
@@ -81,7 +81,7 @@ def prove_path(clearance: EdgeClearance, q_rad: Array, *, max_depth: int = MAX_D
     where, place = np.empty((1, 2), dtype=np.int64), np.empty((1, 2))
     scene = clearance.world.scene
     failures, _, _ = prove(
-        scene.chain, scene.solids, scene.pairs, scene.pose, scene.moving, bezier,
+        scene.chain, scene.solids, clearance.scope.pairs, scene.pose, scene.moving, bezier,
         clearance.tracking_error_m, scene.tip, clearance.scope.lines, clearance.scope.exempt,
         max_depth, 1, where, place,
     )  # fmt: skip

@@ -15,6 +15,7 @@ from dmoc.status import Status
 from dmoc.trajectory import JointPath
 from planning.certificate import prove_path
 from planning.edge_clearance import EdgeClearance
+from planning.scene import Scope
 from planning.shortcut import shortcut
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ __all__ = ["PathResult", "plan_path"]
 
 ou.setLogLevel(ou.LOG_NONE)
 
-RANGE_M = 1.5
+RANGE_M = 0.3
 
 
 @dataclass(frozen=True)
@@ -51,20 +52,21 @@ def plan_path(
     *,
     seed: int,
     inflation_m: float = 0.02,
-    max_iterations: int = 4000,
-    attempts: int = 3,
+    max_iterations: int = 2000,
+    attempts: int = 4,
     shortcut_tries: int = 80,
-    step_m: float | None = None,
+    step_m: float = 0.1,
 ) -> PathResult:
     """A path from start to goal (n,) on which all bodies stay farther apart than proven.
 
-    The straight segment first; then RRTConnect (Kuffner and LaValle 2000) on obstacles grown by
-    `inflation_m`, then shortcuts. Where an end itself is nearer than that, the inflation shrinks
-    to 0.8 of its distance, so that narrow ends stay reachable. Every segment of the result is
-    proven free (by more than the clearance's tracking error, see `planning.certificate`); where
-    the proof fails the next attempt checks twice as finely. Stops by iterations: each attempt has
-    `max_iterations` of the planner. `step_m` is how far a typical robot point may move between
-    two checked points (default: 1.5 times the inflation, at least 1 cm). Joint coordinates are
+    The straight segment first; then RRTConnect (Kuffner and LaValle 2000) on bodies grown by
+    `inflation_m` (a quarter of it between bodies of the robot itself, whose neighbours are always
+    near), then shortcuts. A pair that is nearer than that at an end is grown by 0.8 of its
+    distance there, so that narrow ends stay reachable. Every segment of the result is proven free
+    (by more than the clearance's tracking error, see `planning.certificate`). Where there is no
+    path or its proof fails, the next attempt checks twice as finely with half the growth. Stops
+    by iterations: each attempt has `max_iterations` of the planner. `step_m` is how far a typical
+    robot point may move between two checked points of the first attempt. Joint coordinates are
     scaled by the joints' mean reach, so that the planner's metric is in metres.
     """
     edge = clearance if isinstance(clearance, EdgeClearance) else clearance.clearance()
@@ -83,12 +85,11 @@ def plan_path(
         pair = edge.collide(q, edge.tracking_error_m)
         if pair is not None:
             return PathResult(Status.IN_COLLISION, None, pair, f"{name} in collision")
-    inflation = min(inflation_m, 0.8 * float(edge.phi(np.stack([start, goal])).min()))
-    inflation = max(inflation, edge.tracking_error_m)
-    step = max(0.01, 1.5 * inflation) if step_m is None else step_m
+    growth = _growth(edge, np.stack([start, goal]), inflation_m)
     iterations = checks = 0
     for attempt in range(attempts):
-        search = _Search(edge, inflation, step * 0.5**attempt)
+        scope = edge.scope.grown(growth * 0.5**attempt)
+        search = _Search(edge, scope, step_m * 0.5**attempt)
         found = search.run(start, goal, seed + attempt, max_iterations)
         iterations += search.iterations
         if found is not None:
@@ -104,24 +105,33 @@ def plan_path(
                     )
         else:
             checks += search.checks
-    return PathResult(
-        Status.NO_PATH, None, note=f"no path within {attempts} attempts of {max_iterations} "
-        f"iterations at {1e3 * inflation:.1f} mm inflation", iterations=iterations, checks=checks,
-    )  # fmt: skip
+    note = f"no path within {attempts} attempts of {max_iterations} iterations"
+    return PathResult(Status.NO_PATH, None, None, note, iterations, checks)
+
+
+def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:
+    """By how much every piece pair is grown while planning (M,) [m]."""
+    scene = edge.world.scene
+    joint = scene.solids.info[edge.scope.pairs.piece, 0]
+    growth = np.where(joint.min(axis=1) > 0, 0.25 * inflation_m, inflation_m)
+    near = scene.near(ends, inflation_m / 0.8, edge.scope)
+    for (_, m, _), distance in zip(near.which, near.values[:, 0]):
+        growth[m] = min(growth[m], max(0.8 * distance, 0.5 * (distance + edge.tracking_error_m)))
+    return growth
 
 
 class _Search:
     """One run of RRTConnect; counts what it asks."""
 
-    def __init__(self, edge: EdgeClearance, inflation_m: float, step_m: float) -> None:
+    def __init__(self, edge: EdgeClearance, scope: Scope, step_m: float) -> None:
         self.edge, self.scene = edge, edge.world.scene
-        self.inflation_m, self.step_m = inflation_m, step_m
+        self.scope, self.step_m = scope, step_m
         self.iterations = self.checks = 0
 
     def is_free(self, q0: Array, q1: Array) -> bool:
         """Whether the checked points of a segment are free."""
         self.checks += 1
-        hit = self.scene.segment_contact(q0, q1, self.step_m, self.inflation_m, self.edge.scope)
+        hit = self.scene.segment_contact(q0, q1, self.step_m, 0.0, self.scope)
         return hit < 0
 
     def run(self, start: Array, goal: Array, seed: int, max_iterations: int) -> Array | None:
@@ -139,11 +149,8 @@ class _Search:
         space.setBounds(bounds)
         information = ob.SpaceInformation(space)
 
-        def valid(state: ob.State) -> bool:
-            q = np.array(state[0:n]) / scale
-            return bool(
-                self.scene.first_contacts(q[None], self.inflation_m, self.edge.scope)[0] < 0
-            )
+        def valid(_: ob.State) -> bool:
+            return True  # the ends are known to be free; segments check both of theirs
 
         def motion(first: ob.State, second: ob.State) -> bool:
             return self.is_free(np.array(first[0:n]) / scale, np.array(second[0:n]) / scale)

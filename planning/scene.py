@@ -18,7 +18,7 @@ from planning.engines.fcl_engine import FclEngine
 from planning.kernels import scene as kernels
 from planning.kernels.contact import first_contacts, segment_contact
 from planning.kernels.gjk import SOLVED
-from planning.packed import pack_chain, pack_pairs, pack_solids
+from planning.packed import Pairs, pack_chain, pack_pairs, pack_solids
 from planning.pairs import checked_pairs
 from planning.pieces import Mounted, pieces_of
 from planning.robot_bodies import link_bodies, tool_mounts
@@ -30,10 +30,17 @@ ENGINES = ("native", "coal", "fcl")
 
 
 class Scope(NamedTuple):
-    """Departure lines (L, 8) and the piece pairs (L, M) that each of them exempts."""
+    """What a query looks at: piece pairs with the clearance that is subtracted from their
+    distance, departure lines (L, 8), and the piece pairs (L, M) that each line exempts.
+    """
 
+    pairs: Pairs
     lines: Array
     exempt: npt.NDArray[np.bool_]
+
+    def grown(self, extra_m: Array) -> Scope:
+        """The same with `extra_m` (M,) more clearance on every pair."""
+        return self._replace(pairs=self.pairs._replace(extra=self.pairs.extra + extra_m))
 
 
 class NearRows(NamedTuple):
@@ -114,7 +121,7 @@ class Scene:
                 if line.part in pair and any(name in pair for name in self.touching)
             ]  # fmt: skip
             exempt[k] = np.isin(self.pairs.body, wanted)
-        return Scope(rows, exempt)
+        return Scope(self.pairs, rows, exempt)
 
     def rows_of(self, q_rad: Array) -> Array:
         """q as finite (K, n). Errors: `ProblemError`."""
@@ -132,7 +139,7 @@ class Scene:
             return self._engine_contacts(q, inflation_m, scope)
         first = np.empty(len(q), dtype=np.int64)
         first_contacts(
-            self.chain, self.solids, self.pairs, self.pose, self.moving, q, inflation_m,
+            self.chain, self.solids, scope.pairs, self.pose, self.moving, q, inflation_m,
             self.tip, scope.lines, scope.exempt, first,
         )  # fmt: skip
         return first
@@ -149,7 +156,7 @@ class Scene:
         if self.engine_name == "native":
             return int(
                 segment_contact(
-                    self.chain, self.solids, self.pairs, self.pose, self.moving, q0, q1, parts,
+                    self.chain, self.solids, scope.pairs, self.pose, self.moving, q0, q1, parts,
                     inflation_m, self.tip, scope.lines, scope.exempt,
                 )
             )  # fmt: skip
@@ -166,7 +173,7 @@ class Scene:
         deep = np.ones(len(q), dtype=bool)
         if self.engine_name == "native":
             kernels.smallest_distances(
-                self.chain, self.solids, self.pairs, self.pose, self.moving, q, cap_m,
+                self.chain, self.solids, scope.pairs, self.pose, self.moving, q, cap_m,
                 self.tip, scope.lines, scope.exempt, phi, pair, deep,
             )  # fmt: skip
         if np.any(deep):
@@ -186,7 +193,7 @@ class Scene:
             index = np.empty((room, 3), dtype=np.int64)
             values = np.empty((room, 10 + self.num_joints))
             count = kernels.near_pairs(
-                self.chain, self.solids, self.pairs, self.pose, self.moving, q, cap_m,
+                self.chain, self.solids, scope.pairs, self.pose, self.moving, q, cap_m,
                 self.tip, scope.lines, scope.exempt, index, values,
             )  # fmt: skip
             if count <= room:
@@ -197,11 +204,11 @@ class Scene:
         if len(unsolved):
             # Overlapping cores have a depth that only an engine knows.
             part, measured = index[unsolved], values[unsolved]
-            self._measure(q, part, measured)
+            self._measure(q, part, measured, scope)
             values[unsolved] = measured
         return NearRows(index, values)
 
-    def _measure(self, q: Array, index: npt.NDArray[np.int64], values: Array) -> None:
+    def _measure(self, q: Array, index: npt.NDArray[np.int64], values: Array, scope: Scope) -> None:
         """Fill rows by the engine; rows of one configuration stand together."""
         at = -1
         for r, (k, m, _) in enumerate(index):
@@ -210,7 +217,7 @@ class Scene:
                 at = k
             a, b = self.pairs.piece[m]
             found = self.engine.distance(int(a), int(b), self.pose[a], self.pose[b])
-            values[r, 0] = found.distance_m - self.pairs.extra[m]
+            values[r, 0] = found.distance_m - scope.pairs.extra[m]
             values[r, 1:4], values[r, 4:7], values[r, 7:10] = found[1:]
         kernels.engine_rows(self.chain, self.solids, self.pairs, q, index, values)
 
@@ -223,7 +230,7 @@ class Scene:
     def _candidates(self, q: Array, cap_m: float, scope: Scope) -> npt.NDArray[np.int64]:
         chosen = np.empty(len(self.pairs.body), dtype=np.int64)
         count = kernels.candidate_pairs(
-            self.chain, self.solids, self.pairs, self.pose, self.moving, q, cap_m, self.tip,
+            self.chain, self.solids, scope.pairs, self.pose, self.moving, q, cap_m, self.tip,
             scope.lines, scope.exempt, chosen,
         )  # fmt: skip
         return chosen[:count]
@@ -234,7 +241,7 @@ class Scene:
         ]
         index = np.array(found, dtype=np.int64).reshape(-1, 3)
         values = np.empty((len(index), 10 + self.num_joints))
-        self._measure(q, index, values)
+        self._measure(q, index, values, scope)
         keep = values[:, 0] < cap_m
         return NearRows(index[keep], values[keep])
 
@@ -243,7 +250,7 @@ class Scene:
         for k in range(len(q)):
             for m in self._candidates(q[k], max(inflation_m, 0.0) + 1e-9, scope):
                 a, b = self.pairs.piece[m]
-                limit = inflation_m + self.pairs.extra[m]
+                limit = inflation_m + scope.pairs.extra[m]
                 if limit == 0.0:
                     touches = self.engine.touches(int(a), int(b), self.pose[a], self.pose[b])
                 else:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from planning.jit import kernel
-from planning.kernels.gjk import FAR, gjk, outer_bound
-from planning.kernels.kinematics import joint_poses, place_pieces
+from planning.kernels.gjk import FAR, clearly_farther, gjk
+from planning.kernels.kinematics import ball_reach, joint_poses, place_pieces, relative_motion
 from planning.kernels.scene import inside_tubes, skipped
 
 __all__ = ["first_contacts", "segment_contact"]
@@ -33,7 +33,7 @@ def _contact(
     for m in range(piece.shape[0]):
         a, b = piece[m, 0], piece[m, 1]
         limit = inflation + extra[m]
-        if outer_bound(pose, size, a, b) > limit or skipped(exempt, inside, m):
+        if clearly_farther(pose, size, a, b, limit) or skipped(exempt, inside, m):
             continue
         axis[0] = axis[1] = axis[2] = 0.0
         status = gjk(
@@ -60,38 +60,111 @@ def first_contacts(
         )  # fmt: skip
 
 
+CHUNK = 8
+
+
+@kernel
+def _near_chunk(
+    chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, joints: Any, delta: Any,
+    inflation: float, reach: Any, chosen: Any,
+) -> int:  # fmt: skip
+    """Pairs that can touch while |Δq_j| ≤ δ_j from the configuration in `joints` and `pose`."""
+    info, size = solids.info, solids.size
+    piece, extra = pairs.piece, pairs.extra
+    above = chain.above
+    for p in range(moving):
+        ball_reach(joints, chain.info, above, info[p, 0], pose, size[p, 12], p, reach[p])
+    count = 0
+    for m in range(piece.shape[0]):
+        a, b = piece[m, 0], piece[m, 1]
+        motion = relative_motion(above, info[a, 0], info[b, 0], reach[a], reach[b], delta)
+        if not clearly_farther(pose, size, a, b, inflation + extra[m] + motion):
+            chosen[count] = m
+            count += 1
+    return count
+
+
+@kernel
+def _chosen_contact(
+    solids: Any, pairs: Any, pose: Any, chosen: Any, count: int, inflation: float, exempt: Any,
+    inside: Any, axes: Any, s: Any, out: Any,
+) -> int:  # fmt: skip
+    """A touching pair among the chosen ones, at the poses given, or −1."""
+    info, size, verts = solids.info, solids.size, solids.verts
+    near_start, near = solids.near_start, solids.near
+    piece, extra = pairs.piece, pairs.extra
+    for i in range(count):
+        m = chosen[i]
+        a, b = piece[m, 0], piece[m, 1]
+        limit = inflation + extra[m]
+        if clearly_farther(pose, size, a, b, limit) or skipped(exempt, inside, m):
+            continue
+        status = gjk(
+            info, size, verts, near_start, near, pose, a, b, axes[i], limit, limit, s, out
+        )  # fmt: skip
+        if status != FAR and out[7] <= limit:
+            return m
+    return -1
+
+
 @kernel
 def segment_contact(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q0: Any, q1: Any, parts: int,
     inflation: float, tip: Any, lines: Any, exempt: Any,
 ) -> int:  # fmt: skip
-    """A touching pair on the segment, at its end and parts − 1 inner points, or −1.
+    """A touching pair on the segment, at its ends and at least parts − 1 inner points, or −1.
 
-    The end comes first, then points by halving, so that a hit is met early; the start counts as
-    checked. `parts` is rounded up to a power of two.
+    Long segments are looked at coarsely first, then in chunks of eight points; in a chunk only
+    the pairs that its motion can bring together are tested.
     """
+    n, count = q0.shape[0], pairs.piece.shape[0]
     joints = np.empty((chain.info.shape[0], 15))
     s, out, axis = np.empty((4, 15)), np.empty(8), np.empty(3)
     inside = np.zeros(lines.shape[0], dtype=np.bool_)
-    q = np.empty(q0.shape[0])
-    total = 1
-    while total < parts:
-        total *= 2
-    hit = _contact(
-        chain, solids, pairs, pose, moving, q1, inflation, tip, lines, exempt, joints,
-        inside, axis, s, out,
-    )  # fmt: skip
-    step = total
-    while hit < 0 and step > 1:
-        step //= 2
-        for k in range(step, total, 2 * step):
-            t = k / total
-            for j in range(q.shape[0]):
-                q[j] = q0[j] + t * (q1[j] - q0[j])
-            hit = _contact(
-                chain, solids, pairs, pose, moving, q, inflation, tip, lines, exempt,
-                joints, inside, axis, s, out,
-            )  # fmt: skip
-            if hit >= 0:
+    q, delta = np.empty(n), np.empty(n)
+    chunks = max(1, (parts + CHUNK - 1) // CHUNK)
+    # Ends of the chunks, the last one first: planners extend towards q1.
+    for k in range(chunks, -1, -1):
+        t = k / chunks
+        for j in range(n):
+            q[j] = q0[j] + t * (q1[j] - q0[j])
+        hit = _contact(
+            chain, solids, pairs, pose, moving, q, inflation, tip, lines, exempt, joints, inside,
+            axis, s, out,
+        )  # fmt: skip
+        if hit >= 0:
+            return hit
+    if parts <= 1:
+        return -1
+    reach = np.zeros((pose.shape[0], n))
+    chosen = np.empty(count, dtype=np.int64)
+    for j in range(n):
+        delta[j] = abs(q1[j] - q0[j]) * (0.5 / chunks)
+    order = (4, 2, 6, 1, 3, 5, 7)
+    if parts < 4:
+        order = (4, 0, 0, 0, 0, 0, 0)
+    elif parts < 8 and chunks == 1:
+        order = (4, 2, 6, 0, 0, 0, 0)
+    for c in range(chunks):
+        found = 0
+        axes = np.zeros((0, 3))
+        for step in order:
+            if step == 0:
                 break
-    return hit
+            t = (c + step / CHUNK) / chunks
+            for j in range(n):
+                q[j] = q0[j] + t * (q1[j] - q0[j])
+            joint_poses(chain.info, chain.frame, q, joints)
+            place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+            inside_tubes(joints, tip, lines, inside)
+            if step == 4:
+                found = _near_chunk(
+                    chain, solids, pairs, pose, moving, joints, delta, inflation, reach, chosen
+                )
+                axes = np.zeros((found, 3))
+            hit = _chosen_contact(
+                solids, pairs, pose, chosen, found, inflation, exempt, inside, axes, s, out
+            )
+            if hit >= 0:
+                return hit
+    return -1

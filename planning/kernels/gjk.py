@@ -15,7 +15,7 @@ import numpy as np
 from planning.jit import kernel
 from planning.kernels.simplex import INSIDE, nearest
 
-__all__ = ["FAR", "HIT", "OPEN", "SOLVED", "gjk", "outer_bound"]
+__all__ = ["FAR", "HIT", "OPEN", "SOLVED", "clearly_farther", "gjk", "outer_bound"]
 
 FAR = 0
 """Proven farther than the threshold `above`; the distance is a lower bound only."""
@@ -93,14 +93,36 @@ def outer_bound(pose: Any, size: Any, a: int, b: int) -> float:
 
 
 @kernel
-def _ball_box(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> float:
-    """Distance of the point centre + d to the box around piece p."""
+def clearly_farther(pose: Any, size: Any, a: int, b: int, limit: float) -> bool:
+    """Whether balls or boxes around the pieces are farther apart than `limit` (no roots taken)."""
+    dx = pose[b, 12] - pose[a, 12]
+    dy = pose[b, 13] - pose[a, 13]
+    dz = pose[b, 14] - pose[a, 14]
+    reach = size[a, 12] + size[b, 12] + limit
+    if reach < 0.0 or dx * dx + dy * dy + dz * dz > reach * reach:
+        return True
+    reach = size[b, 12] + limit
+    if reach < 0.0 or _ball_box_squared(pose, size, a, dx, dy, dz) > reach * reach:
+        return True
+    reach = size[a, 12] + limit
+    return reach < 0.0 or _ball_box_squared(pose, size, b, dx, dy, dz) > reach * reach
+
+
+@kernel
+def _ball_box_squared(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> float:
+    """Squared distance of the point centre + d to the box around piece p."""
     total = 0.0
     for k in range(3):
         x = abs(pose[p, k] * dx + pose[p, 3 + k] * dy + pose[p, 6 + k] * dz) - size[p, 9 + k]
         if x > 0.0:
             total += x * x
-    return np.sqrt(total)
+    return total
+
+
+@kernel
+def _ball_box(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> float:
+    """Distance of the point centre + d to the box around piece p."""
+    return np.sqrt(_ball_box_squared(pose, size, p, dx, dy, dz))
 
 
 @kernel

@@ -8,7 +8,10 @@ import numpy as np
 
 from planning.jit import kernel
 
-__all__ = ["joint_poses", "place_pieces", "point_gradient", "reach_of_piece", "weight_of_piece"]
+__all__ = [
+    "ball_reach", "joint_poses", "place_pieces", "point_gradient", "reach_of_piece",
+    "relative_motion", "weight_of_piece",
+]  # fmt: skip
 
 
 @kernel
@@ -129,6 +132,42 @@ def reach_of_piece(
     for j in range(1, info.shape[0]):
         if info[j, 1] == 0:
             out[j - 1] = np.sqrt(out[j - 1])
+
+
+@kernel
+def ball_reach(
+    joints: Any, info: Any, above: Any, joint: int, pose: Any, radius: float, p: int, out: Any
+) -> None:
+    """R_j of piece p from the ball around it: cheaper than its corners, and larger."""
+    for j in range(1, info.shape[0]):
+        if not above[joint, j]:
+            out[j - 1] = 0.0
+            continue
+        if info[j, 1] == 1:
+            out[j - 1] = 1.0
+            continue
+        ax, ay, az = joints[j, 12], joints[j, 13], joints[j, 14]
+        rx = pose[p, 12] - joints[j, 9]
+        ry = pose[p, 13] - joints[j, 10]
+        rz = pose[p, 14] - joints[j, 11]
+        dx, dy, dz = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
+        out[j - 1] = np.sqrt(dx * dx + dy * dy + dz * dz) + radius
+
+
+@kernel
+def relative_motion(above: Any, ja: int, jb: int, ra: Any, rb: Any, delta: Any) -> float:
+    """Σ_j R_j δ_j over the joints that move one of two pieces and not both [m].
+
+    Seen from piece a, no point of piece b moves farther while |Δq_j| ≤ δ_j.
+    """
+    total = 0.0
+    for j in range(delta.shape[0]):
+        moves_a, moves_b = above[ja, j + 1], above[jb, j + 1]
+        if moves_b and not moves_a:
+            total += rb[j] * delta[j]
+        elif moves_a and not moves_b:
+            total += ra[j] * delta[j]
+    return total
 
 
 @kernel

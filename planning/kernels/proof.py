@@ -15,8 +15,13 @@ from typing import Any
 import numpy as np
 
 from planning.jit import kernel
-from planning.kernels.gjk import FAR, gjk, outer_bound
-from planning.kernels.kinematics import joint_poses, place_pieces, reach_of_piece
+from planning.kernels.gjk import FAR, clearly_farther, gjk
+from planning.kernels.kinematics import (
+    joint_poses,
+    place_pieces,
+    reach_of_piece,
+    relative_motion,
+)
 from planning.kernels.scene import tip_position, tube_stray
 
 __all__ = ["prove"]
@@ -44,19 +49,6 @@ def _middle_and_spread(b: Any, lo: float, hi: float, q: Any, delta: Any) -> None
         spread = max(spread, abs(_blossom(b, j, lo, lo, hi) - q[j]))
         spread = max(spread, abs(_blossom(b, j, lo, hi, hi) - q[j]))
         delta[j] = max(spread, abs(_blossom(b, j, hi, hi, hi) - q[j]))
-
-
-@kernel
-def _relative_motion(above: Any, ja: int, jb: int, ra: Any, rb: Any, delta: Any) -> float:
-    """Largest displacement of piece b seen from piece a on a part of the curve [m]."""
-    total = 0.0
-    for j in range(delta.shape[0]):
-        moves_a, moves_b = above[ja, j + 1], above[jb, j + 1]
-        if moves_b and not moves_a:
-            total += rb[j] * delta[j]
-        elif moves_a and not moves_b:
-            total += ra[j] * delta[j]
-    return total
 
 
 @kernel
@@ -149,12 +141,12 @@ def prove(
                 if skip:
                     continue
                 a, b = piece[m, 0], piece[m, 1]
-                motion = _relative_motion(
+                motion = relative_motion(
                     chain.above, info[a, 0], info[b, 0], reach[a], reach[b], delta
                 )
                 must = tracking + surplus[m] + ROUNDING_M
                 need = must + motion
-                if outer_bound(pose, size, a, b) > need:
+                if clearly_farther(pose, size, a, b, need):
                     continue
                 status = gjk(
                     info, size, verts, near_start, near, pose,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from planning.jit import kernel
-from planning.kernels.gjk import FAR, SOLVED, gjk, outer_bound
+from planning.kernels.gjk import FAR, SOLVED, clearly_farther, gjk, outer_bound
 from planning.kernels.kinematics import (
     joint_poses,
     place_pieces,
@@ -151,7 +151,7 @@ def near_pairs(
         for m in range(count):
             a, b = piece[m, 0], piece[m, 1]
             limit = cap + surplus[m]
-            if outer_bound(pose, size, a, b) >= limit or skipped(exempt, inside, m):
+            if clearly_farther(pose, size, a, b, limit) or skipped(exempt, inside, m):
                 continue
             status = gjk(
                 info, size, verts, near_start, near, pose,
