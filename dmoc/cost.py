@@ -97,13 +97,22 @@ class ElectricalCost:
     .. math:: J = \int_0^T c_t + c_v\,\dot q^T\dot q + c_j\,P_{el}(\dot q, \ddot q, u) \; dt
 
     with P_el [W] the loss model of `dmoc.drive` and the robot's drive parameters. `energy` is the
-    price of a joule; `time` the price of a second.
+    price of a joule; `time` the price of a second. Below `friction_smoothing_rad_s` friction
+    changes its sign smoothly, so that derivatives exist (the `smoothing` of
+    `electrical_power_w`): smaller is truer and harder to solve.
     """
 
     time: float = 1.0
     energy: float = 1.0
     velocity: float = 0.0
     torque_smoothing: float = 1e-2
+    friction_smoothing_rad_s: float = 0.05
 
     def __post_init__(self) -> None:
         _require_weights(self)
+        if not self.friction_smoothing_rad_s > 0:
+            raise ProblemError(
+                Fault("cost-weight", field="cost.friction_smoothing_rad_s",
+                      value=repr(self.friction_smoothing_rad_s), legal="> 0 rad/s",
+                      fix="0.02 to 0.1 suits")
+            )  # fmt: skip

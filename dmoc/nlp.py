@@ -8,6 +8,7 @@ limit is an optimum of the full programme whether or not its rows were present.
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +24,7 @@ from dmoc.programme import Families, MotionProgramme, motion_programme
 from dmoc.state import knot_velocities, max_defect, residuals, violations
 from dmoc.status import Status
 
-__all__ = ["STATUS", "Multipliers", "solve_nlp"]
+__all__ = ["ONE_AT_A_TIME", "STATUS", "Multipliers", "solve_nlp"]
 
 STATUS = {
     "Solve_Succeeded": Status.CONVERGED,
@@ -44,7 +45,7 @@ LARGEST_DEFECT = 1e-6
 
 _IPOPT = {
     "print_level": 0, "sb": "yes", "nlp_scaling_method": "none",
-    "mu_strategy": "adaptive", "mu_oracle": "probing", "constr_viol_tol": 1e-9,
+    "mu_strategy": "adaptive", "mu_oracle": "probing", "constr_viol_tol": 1e-8,
     # The rows are scaled already; AMF ordering suits the band. Measured: a quarter off.
     "mumps_pivot_order": 2, "mumps_permuting_scaling": 0, "mumps_scaling": 0,
     "min_refinement_steps": 0,
@@ -54,6 +55,8 @@ _WARM = {
     "warm_start_mult_bound_push": 1e-4,
 }  # fmt: skip
 _SOLVERS: dict[tuple[Any, ...], ca.Function] = {}
+# MUMPS and CasADi's graph are not safe for threads; processes are the way to use more cores.
+ONE_AT_A_TIME = threading.RLock()
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,18 @@ def solve_nlp(
     multipliers, else none); others join when a solution violates them. Failure is a status; the
     last iterate comes with it.
     """
+    with ONE_AT_A_TIME:
+        return _with_lazy_limits(problem, guess, box, rows, params, families)
+
+
+def _with_lazy_limits(
+    problem: MotionProblem,
+    guess: Guess,
+    box: Box | None,
+    rows: PathRows | None,
+    params: IpoptParams,
+    families: Families | None,
+) -> NlpSolution:
     kept = None if rows is None else without_idle_rows(problem, box, rows)
     warm = guess.multipliers if isinstance(guess.multipliers, Multipliers) else None
     if families is None:

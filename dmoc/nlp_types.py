@@ -20,7 +20,7 @@ class IpoptParams:
 
     tolerance: float = 1e-6
     acceptable_tolerance: float = 1e-4
-    acceptable_iterations: int = 4
+    acceptable_iterations: int = 15
     max_iterations: int = 300
     solver: str = "ipopt"
 

@@ -81,7 +81,9 @@ def motion_programme(problem: MotionProblem, families: Families) -> MotionProgra
     kind = type(cost).__name__
     if isinstance(cost, Cost) and _has_matrices(cost):
         kind = "matrices"
-    drive = "" if isinstance(cost, Cost) else repr(sorted(robot.drive.items()))
+    drive = ""
+    if not isinstance(cost, Cost):
+        drive = repr((sorted(robot.drive.items()), cost.friction_smoothing_rad_s))
     physics = (robot.fingerprint, kind, drive, problem.wrench is not None)
     if physics not in _STAGES:
         dynamics = dynamics_stage(arm_of(robot), problem.wrench is not None)
@@ -108,7 +110,7 @@ def _cost_stage(problem: MotionProblem) -> Stage:
                   value=str(drive.extra_inertia_kg_m2), legal="0 in an optimisation",
                   fix="count it in armature_kg_m2, where the dynamics see it")
         )  # fmt: skip
-    return electrical_stage(n, drive)
+    return electrical_stage(n, drive, cost.friction_smoothing_rad_s)
 
 
 class _Places:

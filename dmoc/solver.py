@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from dmoc.cost import ElectricalCost
 from dmoc.grids import prolonged
 from dmoc.guess import detour_guess, straight_guess
 from dmoc.motion import Motion, MotionProblem
-from dmoc.nlp import solve_nlp
+from dmoc.nlp import ONE_AT_A_TIME, solve_nlp
 from dmoc.nlp_types import DEFAULT_PARAMS, Guess, IpoptParams, NlpSolution
 from dmoc.status import Status
 from dmoc.trajectory import JointTrajectory
@@ -22,7 +23,10 @@ COARSE_INTERVALS = 10
 COARSE_TOLERANCE = 1e-3
 # More iterations than this in all count as a struggle worth another guess.
 SUSPICIOUS_ITERATIONS = 60
+SUSPICIOUS_ITERATIONS_ELECTRICAL = 600
 OTHER_GUESSES = 3
+# Friction this soft [rad/s] has few local optima; an electrical cost is first solved with it.
+SOFT_FRICTION_RAD_S = 0.3
 
 
 def solve(
@@ -40,8 +44,17 @@ def solve(
     Expected failure is a status of the motion (`motion.require()` raises it); bad input raised
     `ProblemError` when the problem was built.
     """
-    if guess is not None:
-        return motion_from_solution(problem, solve_nlp(problem, guess, params=params))
+    with ONE_AT_A_TIME:
+        if guess is not None:
+            solution = solve_nlp(problem, guess, params=params)
+        else:
+            solution = _best_of_guesses(problem, params, seed)
+        return motion_from_solution(problem, solution)
+
+
+def _best_of_guesses(problem: MotionProblem, params: IpoptParams, seed: int) -> NlpSolution:
+    electrical = isinstance(problem.cost, ElectricalCost)
+    most = SUSPICIOUS_ITERATIONS_ELECTRICAL if electrical else SUSPICIOUS_ITERATIONS
     best: NlpSolution | None = None
     used = 0
     for start in _guesses(problem, seed):
@@ -49,10 +62,10 @@ def solve(
         used += solution.iterations
         if best is None or _rank(solution) < _rank(best):
             best = solution
-        if best.status is Status.CONVERGED and solution.iterations <= SUSPICIOUS_ITERATIONS:
+        if best.status is Status.CONVERGED and solution.iterations <= most:
             break
     assert best is not None
-    return motion_from_solution(problem, replace(best, iterations=used))
+    return replace(best, iterations=used)
 
 
 def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motion:
@@ -82,6 +95,14 @@ def _rank(solution: NlpSolution) -> tuple[bool, float]:
 
 
 def _through_grids(problem: MotionProblem, params: IpoptParams, start: Guess) -> NlpSolution:
+    cost = problem.cost
+    if isinstance(cost, ElectricalCost) and cost.friction_smoothing_rad_s < SOFT_FRICTION_RAD_S:
+        soft = replace(cost, friction_smoothing_rad_s=SOFT_FRICTION_RAD_S)
+        first = _through_grids(problem.replace(cost=soft), params, start)
+        if first.status.ok:
+            start = Guess(first.q_rad, first.torque_nm, first.step_s)
+        solution = solve_nlp(problem, start, params=params)
+        return replace(solution, iterations=first.iterations + solution.iterations)
     ends = problem.depart_rad is not None or problem.arrive_rad is not None
     if problem.num_intervals < 2 * COARSE_INTERVALS or ends:
         return solve_nlp(problem, start, params=params)

@@ -30,9 +30,6 @@ __all__ = [
     "quadratic_stage",
 ]
 
-# Below this speed [rad/s] the drive's friction changes sign smoothly, so that Hessians exist.
-ELECTRICAL_SMOOTHING = 0.02
-
 
 @dataclass(frozen=True)
 class Stage:
@@ -131,14 +128,15 @@ def matrix_stage(n: int) -> Stage:
     return expression_stage("cost", z, theta, h * rate)
 
 
-def electrical_stage(n: int, drive: DriveParams) -> Stage:
+def electrical_stage(n: int, drive: DriveParams, smoothing_rad_s: float) -> Stage:
     """h (c_t + c_j P_el + c_v vᵀv) of one interval; θ = (c_t, c_j, c_v, u_max n).
 
-    P_el [W] is the sum of `electrical_power_w` over the axes, with smoothed friction.
+    P_el [W] is the sum of `electrical_power_w` over the axes, friction smoothed below
+    `smoothing_rad_s`.
     """
     z, qa, qb, u, h = local_interval(n)
     weights, u_max = ca.SX.sym("w", 3), ca.SX.sym("u_max", n)
     _, v = midpoint(qa, qb, h)
-    power = electrical_power_w(v, ca.SX.zeros(n), u * u_max, drive, ELECTRICAL_SMOOTHING)
+    power = electrical_power_w(v, ca.SX.zeros(n), u * u_max, drive, smoothing_rad_s)
     rate = weights[0] + weights[1] * ca.sum1(power) + weights[2] * ca.sumsqr(v)
     return expression_stage("cost", z, ca.vertcat(weights, u_max), h * rate)

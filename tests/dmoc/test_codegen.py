@@ -38,7 +38,11 @@ def test_compiled_and_virtual_machine_give_the_same_bits(cache) -> None:
     assert "-ffp-contract=off" in FLAGS
     rng = np.random.default_rng(0)
     arm = arm_model(random_model(rng, 3, tree=False))
-    stages = [dynamics_stage(arm, True), quadratic_stage(6), electrical_stage(6, ur_class_drive())]
+    stages = [
+        dynamics_stage(arm, True),
+        quadratic_stage(6),
+        electrical_stage(6, ur_class_drive(), 0.05),
+    ]
     for stage in stages:
         library = library_for(stage.parts)
         library.start(wait=True)

@@ -75,6 +75,8 @@ def test_cost_stages_integrate_the_rate_at_the_midpoint() -> None:
     drive = ur_class_drive()
     from dmoc.drive import electrical_power_w
 
-    electrical = electrical_stage(n, drive).parts[0](z, np.concatenate([[0.5, 2.0, 0.1], u_max]))
+    electrical = electrical_stage(n, drive, 0.02).parts[0](
+        z, np.concatenate([[0.5, 2.0, 0.1], u_max])
+    )
     power = np.sum(electrical_power_w(v, 0 * v, torque, drive, 0.02))
     assert float(electrical) == pytest.approx(h * (0.5 + 2.0 * power + 0.1 * v @ v), rel=1e-9)

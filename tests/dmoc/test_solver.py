@@ -23,8 +23,8 @@ def arm(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def planar():
-    return load_robot("planar2")
+def planar(tmp_path_factory):
+    return random_robot(6, tmp_path_factory.mktemp("arms"), 2)
 
 
 def assert_within_limits(problem, motion) -> None:
