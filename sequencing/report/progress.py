@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -58,7 +59,7 @@ class ProgressText:
             parts.append(f"{self.reused} from the store")
         if self.best is not None:
             parts.append(f"best {self.best:.1f}")
-        if self.gap is not None:
+        if self.gap is not None and math.isfinite(self.gap):
             parts.append(f"conditional gap {100 * self.gap:.1f} %")
         return " · ".join(parts)
 

@@ -58,7 +58,7 @@ def headline(result: Result) -> str:
     if search["conditional_gap_percent"] is not None:
         text += (
             f" Conditional gap {number(search['conditional_gap_percent'])} %: it holds only if no "
-            f"unevaluated edge costs less than {search['conditional_factor']:g} times its estimate."
+            f"unevaluated edge costs less than {search['conditional_factor']:.2f} times its estimate."
         )
     for entry in result["unreachable"]:
         text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
@@ -110,7 +110,7 @@ def table_2(result: Result) -> str:
     header = ["", "travel", "welding", "total", "paper: travel", "welding", "total"]
     totals = tables["time_based_totals"]
     spread = ""
-    if totals:
+    if len(totals) > 1:
         spread = (
             f" Sequences of least time tie: of {len(totals)} such sequences the totals range from "
             f"{number(min(totals))} to {number(max(totals))}; the table shows the median one."
