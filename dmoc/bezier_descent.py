@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from dmoc.arrays import Array
-from dmoc.bezier_problem import BezierProblem, BezierResult, Evaluator, metric_values
+from dmoc.bezier import NUM_CONTROLS, bernstein
+from dmoc.bezier_problem import (
+    LIMIT_SHARE,
+    BezierProblem,
+    BezierResult,
+    Evaluator,
+    metric_values,
+)
 from dmoc.bezier_swarm import Forbidden
 
 __all__ = ["Avoid", "DescentParams", "descend_bezier"]
@@ -19,22 +26,29 @@ __all__ = ["Avoid", "DescentParams", "descend_bezier"]
 Avoid = Callable[[Array], tuple[Array, Array]]
 
 
+# What is left of a penalised excess may be this much beyond the margin, which is four times wider.
+ACCEPTED = 0.25 * (1.0 - LIMIT_SHARE)
+
+
 @dataclass(frozen=True)
 class DescentParams:
     """`starts` runs: the straight line, then random ones within `spread_rad` of it.
 
     Each run goes through the `smoothing_rad_s` of the kinks in turn with at most `iterations`
     steps; the price of limit excess is raised by `price_factor` up to `price_rounds` times while a
-    limit is broken.
+    limit is broken. At most `detours` runs whose curve touches something are led around it.
+    `num_samples` midpoints are enough for a curve of degree six.
     """
 
     starts: int = 3
     iterations: int = 80
     smoothing_rad_s: tuple[float, ...] = (0.05, 0.01)
     spread_rad: float = 0.6
-    price: float = 100.0
+    price: float = 1e4
     price_factor: float = 30.0
-    price_rounds: int = 3
+    price_rounds: int = 2
+    detours: int = 2
+    num_samples: int = 32
 
 
 def descend_bezier(
@@ -49,73 +63,143 @@ def descend_bezier(
 
     `start` (5 n,), if given, replaces the straight line as the first start. Velocity,
     acceleration and torque limits enter as exterior penalties with a 1 % margin, joint limits and
-    end ranges as bounds. A run whose curve `forbidden` says touches something is repeated from
-    where it ended with the extra cost of `avoid`, if there is one. The best legal run is returned.
+    end ranges as bounds. The cheapest run wins if its curve touches nothing, as `forbidden` says;
+    otherwise it is drawn back towards the straight line until it is free, improved from there with
+    the extra cost of `avoid`, and compared with the next one.
     """
     rng = np.random.default_rng([seed, 2])
-    lower, upper = problem.bounds
-    search = _Search(problem, params, forbidden, avoid, lower, upper)
+    search = _Search(problem, params, forbidden, avoid)
     n = problem.robot.num_joints
-    best: tuple[bool, float, Array] | None = None
-    history = []
+    runs = []
     for k in range(params.starts):
         x = problem.straight if start is None or k > 0 else np.asarray(start, dtype=float)
         if k > 0:
             offset = params.spread_rad * (2.0 * rng.random((5, n)) - 1.0)
             offset[[0, 4]] = 0.0
+            if k % 2 == 0:
+                offset[:, problem.idle_joints] = 0.0
             x = x + offset.ravel()
-        legal, value, x = search.run(np.clip(x, lower, upper))
-        if best is None or (legal, -value) > (best[0], -best[1]):
-            best = (legal, value, x)
-        history.append(best[1] if best[0] else np.inf)
-    assert best is not None
-    motion = problem.motion(best[2])
+        runs.append(search.run(x))
+    runs.sort(key=lambda item: item[0])
+    best = _freest(search, runs, params.detours)
+    motion = problem.motion(best)
     limits = motion.limit_use(problem.robot)
+    free = not search.touches(best)
     return BezierResult(
         motion=motion,
         value=metric_values(motion, problem.robot, (problem.metric,))[problem.metric],
-        feasible=best[0] and max(limits.values()) <= 1.0,
+        feasible=free and max(limits.values()) <= 1.0,
         limits=limits,
         evaluations=search.evaluations,
         gradients=search.evaluations,
-        history=np.array(history),
-        note="" if best[0] else "no start led to a legal motion",
+        history=np.array([value for value, _ in runs]),
+        note="" if free else "every start ended in a curve that touches something",
     )
+
+
+def _freest(search: _Search, runs: list[tuple[float, Array]], detours: int) -> Array:
+    """The cheapest free curve, leading at most `detours` runs around what they touch."""
+    best: tuple[float, Array] | None = None
+    for value, x in runs:
+        if best is not None and best[0] <= value:
+            break
+        if not search.touches(x):
+            return x
+        if detours > 0:
+            detours -= 1
+            led = search.around(x)
+            if led is not None and (best is None or led[0] < best[0]):
+                best = led
+    return runs[0][1] if best is None else best[1]
 
 
 class _Search:
     def __init__(
         self, problem: BezierProblem, params: DescentParams, forbidden: Forbidden | None,
-        avoid: Avoid | None, lower: Array, upper: Array,
+        avoid: Avoid | None,
     ) -> None:  # fmt: skip
-        self.evaluator = Evaluator(problem)
+        lower, upper = problem.bounds
+        self.problem = problem
+        self.evaluator = Evaluator(replace(problem, num_samples=params.num_samples))
         self.params, self.forbidden, self.avoid = params, forbidden, avoid
         self.box = np.stack([lower, upper], axis=1)
+        self.straight = np.clip(problem.straight, lower, upper)
+        self.dense = bernstein(np.linspace(0.0, 1.0, 65), NUM_CONTROLS - 1)
         self.evaluations = 0
 
-    def run(self, x: Array) -> tuple[bool, float, Array]:
-        """One start: continuation in smoothing, then in the price of limits, then around things."""
-        x = self._within_limits(x, self.params.smoothing_rad_s, False)
-        if self._touches(x) and self.avoid is not None:
-            x = self._within_limits(x, self.params.smoothing_rad_s[-1:], True)
-        cost, excess = self.evaluator.evaluate(x[None])
-        legal = bool(excess[0] <= 0.5 * (1.0 - 0.99)) and not self._touches(x)
-        return legal, float(cost[0]), x
+    def run(self, x: Array) -> tuple[float, Array]:
+        """One start: continuation in smoothing, then in the price of limits; nothing in the way."""
+        x = np.clip(x, *self.box.T)
+        x = self._still(self._repaired(self._within_limits(x, self.params.smoothing_rad_s, False)))
+        return self._cost(x), x
 
-    def _touches(self, x: Array) -> bool:
+    def around(self, x: Array) -> tuple[float, Array] | None:
+        """A free curve near x: drawn back to the straight line, then improved with `avoid`."""
+        shares = np.linspace(1.0, 0.0, 17)[1:, None]
+        drawn = self.straight + shares * (x - self.straight)
+        free = [y for y in drawn if not self.touches(y)]
+        if not free:
+            return None
+        found = free[0]
+        if self.avoid is not None:
+            led = self._within_limits(found, self.params.smoothing_rad_s[-1:], True)
+            led = self._still(self._repaired(led))
+            if not self.touches(led) and self._cost(led) < self._cost(found):
+                found = led
+        return self._cost(found), found
+
+    def _cost(self, x: Array) -> float:
+        return float(self.evaluator.evaluate(x[None]).cost[0])
+
+    def touches(self, x: Array) -> bool:
+        """Whether the curve of x touches something at one of 65 samples."""
         if self.forbidden is None:
             return False
-        return bool(self.forbidden(self.evaluator.curves(x[None]))[0])
+        return bool(self.forbidden((self.dense @ self.problem.controls(x))[None])[0])
+
+    def _excess(self, x: Array) -> float:
+        return float(self.evaluator.evaluate(x[None]).excess[0])
 
     def _within_limits(self, x: Array, smoothing: tuple[float, ...], around: bool) -> Array:
         price = self.params.price
         for level in smoothing:
             x = self._minimise(x, level, price, around)
         for _ in range(self.params.price_rounds):
-            if self.evaluator.evaluate(x[None]).excess[0] <= 0.25 * (1.0 - 0.99):
+            if self._excess(x) <= ACCEPTED:
                 break
             price *= self.params.price_factor
             x = self._minimise(x, smoothing[-1], price, around)
+        return x
+
+    def _repaired(self, x: Array) -> Array:
+        """The farthest curve towards x from the straight line that keeps the limits.
+
+        Velocity and acceleration are linear in the control points, so a blend of two curves
+        exceeds a limit no more than the worse of them.
+        """
+        if self._excess(x) <= ACCEPTED or self._excess(self.straight) > ACCEPTED:
+            return x
+        low, high = 0.0, 1.0
+        for _ in range(20):
+            middle = 0.5 * (low + high)
+            fits = self._excess(self.straight + middle * (x - self.straight)) <= ACCEPTED
+            low, high = (middle, high) if fits else (low, middle)
+        return self.straight + low * (x - self.straight)
+
+    def _still(self, x: Array) -> Array:
+        """x with idle joints standing still wherever that costs less.
+
+        Smoothed friction lets a joint creep for nothing; the exact model does not.
+        """
+        n = self.problem.robot.num_joints
+        for j in np.flatnonzero(self.problem.idle_joints):
+            tried = x.copy()
+            tried[j::n] = self.straight[j::n]
+            if np.array_equal(tried, x):
+                continue
+            cost, excess = self.evaluator.evaluate(np.stack([x, tried]))
+            if cost[1] < cost[0] and excess[1] <= max(excess[0], ACCEPTED):
+                x = x if self.touches(tried) and not self.touches(x) else tried
         return x
 
     def _minimise(self, x: Array, smoothing: float, price: float, around: bool) -> Array:
@@ -131,7 +215,8 @@ class _Search:
             return cost, gradient
 
         objective: Any = value
-        found = minimize(
+        solver: Any = minimize  # its stubs know no `jac=True`
+        found = solver(
             objective, x, jac=True, method="L-BFGS-B", bounds=self.box,
             options={"maxiter": self.params.iterations, "maxcor": 20, "ftol": 1e-9},
         )  # fmt: skip

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from dmoc.arrays import Array, joint_vector
 from dmoc.bezier import NUM_CONTROLS, BezierMotion, bernstein
@@ -99,6 +100,11 @@ class BezierProblem:
         return BezierMotion(self.controls(x), self.duration_s)
 
     @property
+    def idle_joints(self) -> npt.NDArray[np.bool_]:
+        """Joints (n,) that start and goal do not ask to move."""
+        return np.asarray(np.abs(self.goal_rad - self.start_rad) < 1e-9)
+
+    @property
     def straight(self) -> Array:
         """Search point (5 n,) of the straight line, at rest at both ends."""
         share = np.array([0.0, 0.25, 0.5, 0.75, 1.0])[:, None]
@@ -140,6 +146,7 @@ class Evaluator:
     metric: Metric = field(init=False)
     chain: Chain = field(init=False)
     basis: tuple[Array, ...] = field(init=False)
+    ends: tuple[Array, Array] = field(init=False)
     weight: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -149,6 +156,10 @@ class Evaluator:
         for name, value in {
             "metric": metric_of(p.metric, p.robot), "chain": chain_of(p.robot), "basis": basis,
             "weight": p.duration_s / p.num_samples,
+            "ends": tuple(
+                p.duration_s**-k * bernstein(np.array([0.0, 1.0]), NUM_CONTROLS - 1, k)
+                for k in (1, 2)
+            ),
         }.items():  # fmt: skip
             object.__setattr__(self, name, value)
 
@@ -158,17 +169,22 @@ class Evaluator:
 
     def evaluate(self, x: Array, smoothing: float = 0.0) -> Evaluation:
         """Costs and limit excess of search points x (P, 5 n), all at once."""
-        state, _ = self._state(self.problem.controls(x))
+        controls = self.problem.controls(x)
+        state, _ = self._state(controls)
         cost = self.weight * self.metric.rate(state, smoothing).sum(axis=-1)
         excess = np.zeros(len(cost))
         for value, limit in self._limited(state):
             over = np.maximum(np.abs(value) / limit - LIMIT_SHARE, 0.0)
             excess += over.max(axis=(1, 2))
+        for basis, limit in self._end_limits():
+            over = np.maximum(np.abs(basis @ controls) / limit - LIMIT_SHARE, 0.0)
+            excess += over.max(axis=(1, 2))
         return Evaluation(cost, excess)
 
     def descend(self, x: Array, smoothing: float, price: float) -> tuple[float, Array]:
         """Cost plus `price`·∫Σ excess² of one search point x (5 n,), and its gradient (5 n,)."""
-        state, q = self._state(self.problem.controls(x))
+        controls = self.problem.controls(x)
+        state, q = self._state(controls)
         pull = self.metric.pull(state, smoothing)
         value = self.weight * float(pull.rate.sum())
         by: list[Any] = [pull.velocity, pull.acceleration, pull.jerk, pull.torque]
@@ -179,7 +195,13 @@ class Evaluator:
                 value += price * self.weight * float(np.sum(over * over))
                 slope = 2.0 * price * over * np.sign(array) / limit
                 by[index] = slope if by[index] is None else by[index] + slope
-        gradient = np.zeros((NUM_CONTROLS, self.problem.robot.num_joints))
+        gradient = np.zeros_like(controls)
+        for basis, limit in self._end_limits():
+            array = basis @ controls
+            over = np.maximum(np.abs(array) / limit - LIMIT_SHARE, 0.0)
+            if over.max() > 0:
+                value += price * self.weight * float(np.sum(over * over))
+                gradient += basis.T @ (2.0 * price * over * np.sign(array) / limit)
         if by[3] is not None:
             by_q, by_v, by_a = self.chain.pull_back(q, state.velocity, state.acceleration, by[3])
             gradient += self.basis[0].T @ by_q
@@ -194,6 +216,12 @@ class Evaluator:
         q, v, a = (basis @ controls for basis in self.basis[:3])
         jerk = a if self.metric.needs_torque else self.basis[3] @ controls
         return MotionState(v, a, jerk, self.chain.torque_nm(q, v, a)), q
+
+    def _end_limits(self) -> tuple[tuple[Array, Array], ...]:
+        """Velocity and acceleration at both ends, where midpoints do not look."""
+        robot = self.problem.robot
+        limits = (robot.velocity_limit_rad_s, robot.acceleration_limit_rad_s2)
+        return tuple(zip(self.ends, limits))
 
     def _limited(self, state: MotionState) -> tuple[tuple[Array, Array], ...]:
         robot = self.problem.robot
@@ -214,12 +242,13 @@ def metric_values(
 
     The common fine replay of Bézier motions and of trajectories (whose jerk counts as 0).
     """
-    step = motion.duration_s / num_samples
-    t = (np.arange(num_samples) + 0.5) * step
+    step = float(motion.duration_s / num_samples)
+    t: Array = (np.arange(num_samples) + 0.5) * step
     if isinstance(motion, BezierMotion):
         q, v, a, jerk = (motion.derivative(t, k) for k in range(4))
     else:
-        q, v, a, _ = replace(motion, robot=None).sample(motion.t_s[0] + t)
+        sample = replace(motion, robot=None).sample(motion.t_s[0] + t)
+        q, v, a = sample.q_rad, sample.velocity_rad_s, sample.acceleration_rad_s2
         jerk = np.zeros_like(a)
     state = MotionState(v, a, jerk, chain_of(robot).torque_nm(q, v, a))
     return {name: step * float(metric_of(name, robot).rate(state, 0.0).sum()) for name in names}

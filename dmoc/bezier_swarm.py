@@ -31,11 +31,13 @@ class _SteppedSwarm(Swarm):
     """A swarm whose steps have a bound for every coordinate and end at the walls."""
 
     def __init__(
-        self, lower: Array, upper: Array, seed: int, params: SwarmParams, start: Array, step: Array
-    ) -> None:
+        self, lower: Array, upper: Array, seed: int, params: SwarmParams, start: Array,
+        step: Array, still: npt.NDArray[np.bool_],
+    ) -> None:  # fmt: skip
         super().__init__(lower, upper, seed, params, start)
         self._step = step
         self._v = step * (2.0 * self._rng.random(self._x.shape) - 1.0)
+        self._v[still] = 0.0
 
     def promising(self, values: Array) -> npt.NDArray[np.bool_]:
         """Which of the points asked for would improve on their particle's best (m,)."""
@@ -63,6 +65,8 @@ def swarm_bezier(
 
     The swarm starts around the straight line: free points uniform within `spread_rad` of it, their
     neighbours within the problem's `end_range_rad`; one particle is the straight line itself.
+    Joints that need not move stand still in every other particle: friction makes the slightest
+    move of them cost, and a swarm of random particles would never come back to rest exactly.
     Steps are at most 0.1 rad and 0.2 rad (Table 1). Curves that exceed a limit, or of which
     `forbidden` says that they touch something, are penalised. `forbidden` is asked only about
     curves that would otherwise improve on their particle's best: others change nothing.
@@ -74,9 +78,12 @@ def swarm_bezier(
     reach = np.repeat([problem.end_range_rad, *[spread_rad] * 3, problem.end_range_rad], n)
     offsets = reach * (2.0 * rng.random((params.particles, 5 * n)) - 1.0)
     offsets[0] = 0.0
+    still = np.zeros(offsets.shape, dtype=bool)
+    still[::2] = np.tile(problem.idle_joints, 5)
+    offsets[still] = 0.0
     start = np.clip(problem.straight + offsets, lower, upper)
     step = np.repeat([END_STEP_RAD, *[FREE_STEP_RAD] * 3, END_STEP_RAD], n)
-    swarm = _SteppedSwarm(lower, upper, seed, params, start, step)
+    swarm = _SteppedSwarm(lower, upper, seed, params, start, step, still)
     history = np.empty(params.iterations)
     for k in range(params.iterations):
         points = swarm.ask()

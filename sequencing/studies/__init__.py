@@ -1,0 +1,1 @@
+"""The published studies, each as one function that returns its figures."""
