@@ -3,6 +3,8 @@
 Importing costs nothing: numba and the kernels are loaded at the first `solve`.
 """
 
+from sequencing.gtsp.command import run_gtsp_file
+from sequencing.gtsp.graphs import problem_from_graph, problem_to_graph, tour_to_graph
 from sequencing.gtsp.gtsplib import read_gtsplib, write_gtsplib
 from sequencing.gtsp.held_karp import held_karp_memory_bytes
 from sequencing.gtsp.portfolio import solve
@@ -15,7 +17,11 @@ __all__ = [
     "Stop",
     "Tour",
     "held_karp_memory_bytes",
+    "problem_from_graph",
+    "problem_to_graph",
     "read_gtsplib",
+    "run_gtsp_file",
     "solve",
+    "tour_to_graph",
     "write_gtsplib",
 ]

@@ -11,7 +11,7 @@ from sequencing.gtsp.normal_form import NormalForm
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """turned (N, N) costᵀ; into (N, M) least cost from a node into a cluster; outof (N, M) least
+    """turned (N, N) costᵀ; into (M, N) least cost from a node into a cluster; outof (M, N) least
     cost from a cluster into a node; near (M, K) clusters by least distance; scale: a typical
     edge of a good tour."""
 
@@ -28,7 +28,7 @@ def prepare(form: NormalForm, neighbours: int = 30) -> Arrays:
     cost = form.cost
     begins = form.ptr[:-1]
     into = np.minimum.reduceat(cost, begins, axis=1)
-    outof = np.ascontiguousarray(np.minimum.reduceat(cost, begins, axis=0).T)
+    outof = np.ascontiguousarray(np.minimum.reduceat(cost, begins, axis=0))
     between = np.minimum.reduceat(into, begins, axis=0)
     between = np.minimum(between, between.T)
     np.fill_diagonal(between, np.inf)
@@ -39,7 +39,7 @@ def prepare(form: NormalForm, neighbours: int = 30) -> Arrays:
     return Arrays(
         form=form,
         turned=np.ascontiguousarray(cost.T),
-        into=np.ascontiguousarray(into),
+        into=np.ascontiguousarray(into.T),
         outof=outof,
         near=np.ascontiguousarray(near, dtype=np.int64),
         scale=scale or 1.0,

@@ -48,6 +48,52 @@ def optimise_anchored(cost, ptr, order, size, node, dist, parent):  # type: igno
 
 
 @jit
+def optimise_windows(cost, ptr, order, active, edge, size, node, dist, parent):  # type: ignore[no-untyped-def]
+    """As `optimise_anchored`, but only the nodes of positions marked in `active` may change.
+
+    edge[k] is the cost from node[k−1] to node[k] before; edge[0] closes the tour.
+    """
+    anchor = node[0]
+    dist[anchor] = 0.0
+    first, last = anchor, anchor + 1
+    free = False
+    for k in range(1, size):
+        if not active[k] and not free:
+            v = node[k]
+            dist[v] = dist[first] + edge[k]
+            parent[v] = first
+            first, last = v, v + 1
+            continue
+        if active[k]:
+            begin, end = ptr[order[k]], ptr[order[k] + 1]
+        else:
+            begin, end = node[k], node[k] + 1
+        free = active[k]
+        for v in range(begin, end):
+            best = np.inf
+            origin = first
+            for u in range(first, last):
+                length = dist[u] + cost[u, v]
+                if length < best:
+                    best = length
+                    origin = u
+            dist[v] = best
+            parent[v] = origin
+        first, last = begin, end
+    best = np.inf
+    at = first
+    for u in range(first, last):
+        length = dist[u] + cost[u, anchor]
+        if length < best:
+            best = length
+            at = u
+    for k in range(size - 1, 0, -1):
+        node[k] = at
+        at = parent[at]
+    return best
+
+
+@jit
 def optimise_clusters(cost, ptr, order, size, node, dist, parent):  # type: ignore[no-untyped-def]
     """Exact optimum over all nodes for the cyclic `order[:size]`; the order is not turned.
 

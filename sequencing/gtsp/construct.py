@@ -34,11 +34,12 @@ def insertion_tour(arrays: Arrays, generator: np.random.Generator, state: np.nda
     sequence = random_order(form, generator)
     order = np.empty(m, dtype=np.int64)
     node = np.empty(m, dtype=np.int64)
+    edge = np.zeros(m)
     order[0] = sequence[0]
     node[0] = generator.integers(form.ptr[sequence[0]], form.ptr[sequence[0] + 1])
     for size, g in enumerate(sequence[1:], start=1):
         insert_cheapest(
             form.cost, arrays.turned, arrays.into, arrays.outof, form.ptr, form.before,
-            form.ordered, form.pinned, 0.0, state, order, node, size, g,
+            form.ordered, form.pinned, 0.0, state, order, node, edge, size, g,
         )  # fmt: skip
     return node

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,12 +12,14 @@ from dmoc.errors import Fault, ProblemError
 from sequencing.gtsp.bounded_dp import bounded_dp
 from sequencing.gtsp.held_karp import held_karp, table_bytes
 from sequencing.gtsp.normal_form import NormalForm, normal_form
+from sequencing.gtsp.plan import Plan
+from sequencing.gtsp.pool import diverse
 from sequencing.gtsp.problem import GtspProblem, Tour, as_tours
 from sequencing.gtsp.stop import EFFORTS, Callback, Incumbent, Stop
 
 __all__ = ["solve"]
 
-METHODS = ("auto", "heuristic", "exact", "held-karp", "ruin-recreate")
+METHODS = ("auto", "heuristic", "exact", "held-karp", "memetic", "ruin-recreate")
 PROOF_TOLERANCE = 1e-7
 SMALL_TABLE_BYTES = 4 << 20  # Held–Karp takes milliseconds
 
@@ -29,15 +32,19 @@ def solve(
     method: str = "auto",
     effort: str = "normal",
     initial: Sequence[Tour | Sequence[int]] = (),
+    pool: int = 0,
     callback: Callback | None = None,
 ) -> Tour:
     """The best tour found, with a proven lower bound where the method gives one.
 
     stop      `Stop`, or a number of heuristic iterations, or None (as `effort` says).
     seed      same problem, seed and limits: same tour.
-    method    'auto' (heuristic), 'held-karp' (proof, small problems), 'ruin-recreate'.
+    method    'auto': Held–Karp where its table is tiny, else the heuristic;
+              'heuristic': memetic with ruin-and-recreate; 'exact': bounded dynamic programming;
+              'held-karp': reference; 'ruin-recreate', 'memetic' (local search): the parts.
     effort    'quick', 'normal' or 'thorough'.
     initial   tours to start from; those that do not fit the problem are left out.
+    pool      number of diverse tours to return in `Tour.pool` (heuristic methods).
     callback  receives an `Incumbent` from time to time.
 
     A problem without any tour is an answer, not an error: `Tour.found` is False, and `proven`
@@ -54,7 +61,9 @@ def solve(
         return _one_cluster(problem, form)
     generator = np.random.default_rng(seed)
     start = [n for n in map(form.lower, as_tours(initial)) if n is not None]
-    nodes, cost = _heuristic(problem, form, limits, effort, generator, start, callback)
+    found = _heuristic(problem, form, limits, effort, method, generator, start, callback)
+    nodes = found[0] if found else ()
+    cost = problem.tour_cost(nodes) if nodes else math.inf
     small = table_bytes(form) <= SMALL_TABLE_BYTES
     if method == "held-karp" or (small and method in ("auto", "exact")):
         exact, bound = held_karp(form, cost, limits.memory_bytes)
@@ -67,7 +76,11 @@ def solve(
         if exact is not None:
             nodes = form.lift(exact)
         return finish(problem, form, nodes, bound, "bounded-dp")
-    return finish(problem, form, nodes, -math.inf, "ruin-recreate")
+    name = method if method in ("memetic", "ruin-recreate") else "memetic ruin-and-recreate"
+    tour = finish(problem, form, nodes, -math.inf, name)
+    if pool > 1 and tour.found:
+        return replace(tour, pool=diverse(problem, found, pool))
+    return tour
 
 
 def finish(
@@ -95,32 +108,51 @@ def _heuristic(
     form: NormalForm,
     limits: Stop,
     effort: str,
+    method: str,
     generator: np.random.Generator,
     start: list[np.ndarray],
     callback: Callback | None,
-) -> tuple[tuple[int, ...], float]:
+) -> list[tuple[int, ...]]:
+    """Admissible tours found by the heuristic, best first (empty: none)."""
     from sequencing.gtsp.arrays import prepare
+    from sequencing.gtsp.memetic import memetic
     from sequencing.gtsp.ruin_recreate import ruin_recreate
 
-    iterations = limits.iterations
-    if iterations is None:
-        iterations = {"quick": 10_000, "normal": 60_000, "thorough": 400_000}[effort]
     count = 0
+    best = math.inf
 
     def report(done: int, nodes: np.ndarray, cost: float) -> None:
-        nonlocal count
+        nonlocal count, best
         count += done
-        if callback is not None:
+        if callback is not None and cost < best:
+            best = cost
             lifted = form.lift(nodes)
             callback(Incumbent(count, lifted, admissible_cost(problem, lifted)))
 
-    best, _ = ruin_recreate(
-        prepare(form), iterations, generator, start[0] if start else None,
-        limits.target_cost, report=report,
-    )  # fmt: skip
-    nodes = form.lift(best)
-    true_cost = admissible_cost(problem, nodes)
-    return (nodes, true_cost) if math.isfinite(true_cost) else ((), math.inf)
+    arrays = prepare(form)
+    goal = limits.target_cost + 1e-9 * abs(limits.target_cost)
+    plan = Plan.of(form.num_clusters, effort, limits.iterations)
+    if method == "memetic":
+        offspring = max(2, plan.iterations // 1000)
+        members = memetic(
+            arrays, offspring, plan.population, generator, "local", starts=start, goal=goal,
+            report=report,
+        )  # fmt: skip
+    elif method == "ruin-recreate" or plan.population < 2:
+        nodes, cost = ruin_recreate(
+            arrays, plan.iterations, generator, start[0] if start else None, goal,
+            0.3 if start else 1.0, report,
+        )  # fmt: skip
+        members = [(cost, nodes)]
+    else:
+        members = memetic(
+            arrays, plan.iterations, plan.population, generator, "ruin", plan.child, start, goal,
+            report,
+        )  # fmt: skip
+    tours = [form.lift(nodes) for _, nodes in members]
+    tours += [form.lift(nodes) for nodes in start]  # never worse than what was given
+    good = [(admissible_cost(problem, nodes), nodes) for nodes in tours]
+    return [nodes for cost, nodes in sorted(good) if math.isfinite(cost)]
 
 
 def _one_cluster(problem: GtspProblem, form: NormalForm) -> Tour:

@@ -92,10 +92,10 @@ class Relaxation:
         grown = False
         last: dict[int, int] = {}
         loops = []
-        for k, g in enumerate(self.route):
-            if int(g) in last:
-                loops.append((k - last[int(g)], last[int(g)], k))
-            last[int(g)] = k
+        for k, cluster in enumerate(self.route):
+            if int(cluster) in last:
+                loops.append((k - last[int(cluster)], last[int(cluster)], k))
+            last[int(cluster)] = k
         for _, begin, end in sorted(loops):
             g = int(self.route[begin])
             inner = [int(h) for h in self.route[begin + 1 : end] if h != g]

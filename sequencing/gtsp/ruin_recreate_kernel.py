@@ -9,7 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from sequencing.gtsp.cluster_optimisation import closed_cost, optimise_anchored, optimise_clusters
+from sequencing.gtsp.cluster_optimisation import (
+    closed_cost,
+    optimise_anchored,
+    optimise_clusters,
+    optimise_windows,
+)
 from sequencing.gtsp.jit import jit
 from sequencing.gtsp.rng import below, uniform
 
@@ -70,12 +75,27 @@ def choose(state, order, place, near, pinned, largest, gone):  # type: ignore[no
 
 @jit
 def insert_cheapest(  # type: ignore[no-untyped-def]
-    cost, turned, into, outof, ptr, before, ordered, pinned, blink, state, order, node, size, g
+    cost,
+    turned,
+    into,
+    outof,
+    ptr,
+    before,
+    ordered,
+    pinned,
+    blink,
+    state,
+    order,
+    node,
+    edge,
+    size,
+    g,
 ):
     """Insert cluster g into order/node[:size] at its cheapest place; returns the added cost.
 
-    turned = costᵀ; into (N, M) and outof (N, M): least cost from a node into and out of a
-    cluster, which prunes the places. A place is skipped with probability `blink`.
+    turned = costᵀ; into (M, N) and outof (M, N): least cost from a node into a cluster and out
+    of it into a node, which prunes the places. edge[k] is the cost from node[k−1] to node[k],
+    edge[0] closes the tour. A place is skipped with probability `blink`.
     """
     low, high = 1, size
     if ordered:
@@ -89,11 +109,13 @@ def insert_cheapest(  # type: ignore[no-untyped-def]
     best = np.inf
     at, with_node = -1, -1
     begin, end = ptr[g], ptr[g + 1]
+    reach = into[g]
+    leave = outof[g]
     for k in range(low, high + 1):
         a = node[k - 1] if k > 0 else node[size - 1]
         b = node[k] if k < size else node[0]
-        base = cost[a, b] if size > 1 else 0.0
-        if into[a, g] + outof[b, g] - base >= best:
+        base = edge[k] if k < size else edge[0]
+        if reach[a] + leave[b] - base >= best:
             continue
         if blink > 0.0 and at >= 0 and uniform(state) < blink:
             continue
@@ -110,9 +132,35 @@ def insert_cheapest(  # type: ignore[no-untyped-def]
     for k in range(size, at, -1):
         order[k] = order[k - 1]
         node[k] = node[k - 1]
+        edge[k] = edge[k - 1]
     order[at] = g
     node[at] = with_node
+    a = node[at - 1] if at > 0 else node[size]
+    edge[at] = cost[a, with_node]
+    after = at + 1 if at < size else 0
+    edge[after] = cost[with_node, node[after]]
     return best
+
+
+@jit
+def spread(order, touched, active):  # type: ignore[no-untyped-def]
+    """active[k]: position k is within two places of a touched cluster (cyclic)."""
+    m = len(order)
+    active[:] = False
+    for k in range(m):
+        if touched[order[k]]:
+            for d in range(-2, 3):
+                active[(k + d + m) % m] = True
+
+
+@jit
+def turn(array, shift, work):  # type: ignore[no-untyped-def]
+    """Turn array (M,) so that position `shift` comes first."""
+    m = len(array)
+    for k in range(m):
+        work[k] = array[k]
+    for k in range(m):
+        array[k] = work[(k + shift) % m]
 
 
 @jit
@@ -136,9 +184,16 @@ def anneal(  # type: ignore[no-untyped-def]
     parent = np.empty(len(cost), dtype=np.int64)
     current_cost = closed_cost(cost, current, m)
     best_cost = closed_cost(cost, best, m)
+    touched = np.zeros(m, dtype=np.bool_)
+    active = np.zeros(m, dtype=np.bool_)
+    parent_edge = np.empty(m)
+    current_edge = np.empty(m)
     for k in range(m):
         place[here[k]] = k
+        current_edge[k] = cost[current[k - 1 if k > 0 else m - 1], current[k]]
     ratio = cold / hot
+    gain = 5.0 * hot
+    edge = np.empty(m)
     temperature = hot
     for i in range(begin, end):
         if best_cost <= goal:
@@ -148,6 +203,7 @@ def anneal(  # type: ignore[no-untyped-def]
         count = choose(state, here, place, near, pinned, largest, gone)
         size = 0
         taken = 0
+        new_cost = 0.0
         for k in range(m):
             if gone[here[k]]:
                 removed[taken] = here[k]
@@ -155,33 +211,60 @@ def anneal(  # type: ignore[no-untyped-def]
             else:
                 order[size] = here[k]
                 node[size] = current[k]
+                touched[here[k]] = False
+                if size > 0:
+                    if gone[here[k - 1]]:
+                        edge[size] = cost[node[size - 1], node[size]]
+                        touched[here[k]] = True
+                    else:
+                        edge[size] = current_edge[k]
+                    new_cost += edge[size]
                 size += 1
+        if gone[here[0]] or gone[here[m - 1]]:
+            edge[0] = cost[node[size - 1], node[0]] if size > 1 else 0.0
+            touched[order[0]] = True
+        else:
+            edge[0] = current_edge[0]
+        new_cost += edge[0]
         for k in range(count - 1, 0, -1):
             j = below(state, k + 1)
             removed[k], removed[j] = removed[j], removed[k]
         shy = 0.5 if uniform(state) < 0.03 else blink
         for k in range(count):
-            insert_cheapest(
+            new_cost += insert_cheapest(
                 cost, turned, into, outof, ptr, before, ordered, pinned, shy, state,
-                order, node, size, removed[k],
+                order, node, edge, size, removed[k],
             )  # fmt: skip
+            touched[removed[k]] = True
             size += 1
-        if not pinned and not ordered:  # another anchor every time
+        limit = current_cost - temperature * np.log(uniform(state) + 1e-300)
+        if new_cost > limit + gain:
+            continue  # cluster optimisation rarely gains that much
+        inserted = new_cost
+        spread(order, touched, active)
+        if active[0] and not pinned and not ordered:  # anchor where nothing changed
             shift = below(state, m)
-            for k in range(m):
-                removed[k] = order[(k + shift) % m]
-                parent[k] = node[(k + shift) % m]
-            order[:] = removed
-            node[:] = parent[:m]
-        new_cost = optimise_anchored(cost, ptr, order, m, node, dist, parent)
+            for _ in range(m):
+                if not active[shift]:
+                    break
+                shift = (shift + 1) % m
+            turn(order, shift, removed)
+            turn(node, shift, removed)
+            turn(edge, shift, parent_edge)
+            turn(active, shift, gone)
+        new_cost = optimise_windows(cost, ptr, order, active, edge, m, node, dist, parent)
+        if new_cost < best_cost - 1e-12 * abs(best_cost):
+            new_cost = optimise_anchored(cost, ptr, order, m, node, dist, parent)
         if not pinned and (m <= 6 or new_cost < best_cost - 1e-12 * abs(best_cost)):
             new_cost = optimise_clusters(cost, ptr, order, m, node, dist, parent)
-        if new_cost < current_cost - temperature * np.log(uniform(state) + 1e-300):
+        gain = max(inserted - new_cost, 0.99 * gain)
+        if new_cost < limit:
             current_cost = new_cost
             here[:] = order
             current[:] = node
             for k in range(m):
                 place[here[k]] = k
+                current_edge[k] = cost[current[k - 1 if k > 0 else m - 1], current[k]]
             if new_cost < best_cost - 1e-12 * abs(best_cost):
                 best_cost = new_cost
                 best[:] = node

@@ -1,0 +1,138 @@
+"""Memetic search (Gutin and Karapetyan 2010): population, order crossover, improvement.
+
+Every offspring inherits a part of one parent and the order of the rest from the other, gets the
+best nodes for its order, sometimes a double bridge, and is improved: by local search ('local',
+the paper's reference 12) or by a short annealed ruin-and-recreate ('ruin', the default, which
+measured better on the same CPU time: see docs/gtsp.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from sequencing.gtsp.arrays import Arrays
+from sequencing.gtsp.construct import insertion_tour
+from sequencing.gtsp.rng import stream
+from sequencing.gtsp.ruin_recreate import ruin_recreate
+
+MUTATION = 0.3
+Report = Callable[[int, np.ndarray, float], None]
+
+
+def order_crossover(
+    one: np.ndarray, two: np.ndarray, cluster: np.ndarray, ordered: bool, pinned: bool,
+    generator: np.random.Generator,
+) -> np.ndarray:  # fmt: skip
+    """Nodes (M,) of a child: a stretch of `one`, the other clusters in the order of `two`.
+
+    With precedences the stretch begins at the first cluster; then the child keeps them.
+    """
+    m = len(one)
+    if ordered or pinned:
+        begin = 0 if ordered else int(generator.integers(0, m))
+        length = int(generator.integers(1, m))
+        part = one[begin : begin + length]
+    else:
+        part = np.roll(one, -int(generator.integers(m)))[: int(generator.integers(1, m))]
+        two = np.roll(two, -int(generator.integers(m)))
+    taken = np.zeros(m, dtype=bool)
+    taken[cluster[part]] = True
+    rest = two[~taken[cluster[two]]]
+    if ordered or not pinned:
+        return np.concatenate([part, rest])
+    split = int(generator.integers(0, len(rest) + 1))
+    child = np.concatenate([rest[:split], part, rest[split:]])
+    at = int(np.flatnonzero(cluster[child] == 0)[0])
+    return np.roll(child, -at)
+
+
+def double_bridge(nodes: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+    """Exchange two neighbouring stretches; the first position stays."""
+    m = len(nodes)
+    if m < 5:
+        return nodes
+    a, b, c = np.sort(generator.choice(np.arange(1, m), 3, replace=False))
+    return np.concatenate([nodes[:a], nodes[b:c], nodes[a:b], nodes[c:]])
+
+
+def memetic(
+    arrays: Arrays,
+    budget: int,
+    population: int,
+    generator: np.random.Generator,
+    improve: str = "ruin",
+    child_iterations: int = 4000,
+    starts: list[np.ndarray] | None = None,
+    goal: float = -math.inf,
+    report: Report | None = None,
+) -> list[tuple[float, np.ndarray]]:
+    """The final population, best first, as (cost, nodes).
+
+    budget: iterations of ruin and recreate ('ruin') or number of offspring ('local').
+    A third of the budget builds the first population. `goal`: stop at this cost.
+    """
+    state = stream(generator)
+    form = arrays.form
+
+    def polish(nodes: np.ndarray, iterations: int, hot: float) -> tuple[float, np.ndarray]:
+        if improve == "local":
+            found, cost = _local(arrays, nodes, state)
+        else:
+            found, cost = ruin_recreate(arrays, iterations, generator, nodes, goal, hot)
+        if report is not None:
+            report(1 if improve == "local" else iterations, found, cost)
+        return cost, found
+
+    first = max(1, budget // (3 * population)) if improve == "ruin" else 1
+    members: list[tuple[float, np.ndarray]] = []
+    spent = 0
+    for k in range(population):
+        seeded = starts is not None and k < len(starts)
+        nodes = starts[k] if seeded and starts else insertion_tour(arrays, generator, state)
+        members.append(polish(nodes, first, 0.3 if seeded else 1.0))
+        spent += first
+        if members[-1][0] <= goal:
+            break
+    members.sort(key=lambda member: member[0])
+    step = child_iterations if improve == "ruin" else 1
+    while spent + step <= budget and members[0][0] > goal and len(members) > 1:
+        i, j = (int(generator.integers(len(members))) for _ in range(2))
+        one, two = min(i, j), int(generator.integers(len(members)))
+        if one == two:
+            two = (one + 1) % len(members)
+        child = order_crossover(
+            members[one][1], members[two][1], form.cluster, form.ordered, form.pinned, generator
+        )
+        if not form.ordered and generator.random() < MUTATION:
+            child = double_bridge(child, generator)
+        _insert(members, polish(child, step, 0.3), population)
+        spent += step
+    return members
+
+
+def _insert(
+    members: list[tuple[float, np.ndarray]], child: tuple[float, np.ndarray], population: int
+) -> None:
+    """Keep the best, each cost once (equal cost is taken for the same tour)."""
+    near = 1e-9 * max(1.0, abs(child[0]))
+    if any(abs(child[0] - cost) <= near for cost, _ in members):
+        return
+    members.append(child)
+    members.sort(key=lambda member: member[0])
+    del members[population:]
+
+
+def _local(arrays: Arrays, nodes: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, float]:
+    from sequencing.gtsp.local_search_kernel import local_search
+
+    form = arrays.form
+    order = form.cluster[nodes]
+    node = nodes.copy()
+    cost = local_search(
+        form.cost, arrays.turned, arrays.into, arrays.outof, form.ptr, form.before, form.ordered,
+        form.pinned, form.symmetric, state, order, node,
+    )  # fmt: skip
+    return node, float(cost)
