@@ -135,14 +135,38 @@ def coal_solid(shape: Shape) -> coal.CollisionGeometry:
 
 
 def joint_frames(robot: Robot, q_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations (K, J, 3, 3) and origins (K, J, 3) of all joints (0 is the world) at q (K, n)."""
-    model, data = robot.model, robot.model.createData()
-    rotation = np.empty((len(q_rad), model.njoints, 3, 3))
-    origin = np.empty((len(q_rad), model.njoints, 3))
-    for k, q in enumerate(np.ascontiguousarray(q_rad, dtype=float)):
-        pin.forwardKinematics(model, data, q)
-        for j in range(model.njoints):
-            placement = data.oMi[j]
-            rotation[k, j] = placement.rotation
-            origin[k, j] = placement.translation
+    """Rotations (K, J, 3, 3) and origins (K, J, 3) of all joints (0 is the world) at q (K, n).
+
+    Forward kinematics of all K configurations at once, joint by joint.
+    """
+    model = robot.model
+    q = np.asarray(q_rad, dtype=float)
+    rotation = np.empty((len(q), model.njoints, 3, 3))
+    origin = np.zeros((len(q), model.njoints, 3))
+    rotation[:, 0] = np.eye(3)
+    for j in range(1, model.njoints):
+        parent, placement = int(model.parents[j]), model.jointPlacements[j]
+        turn = rotation[:, parent] @ placement.rotation
+        shift = origin[:, parent] + rotation[:, parent] @ placement.translation
+        revolute, axis = joint_axis(robot, j)
+        value = q[:, model.joints[j].idx_q]
+        if revolute:
+            cross = np.array(pin.skew(axis))
+            sine, cosine = np.sin(value)[:, None, None], np.cos(value)[:, None, None]
+            turn = turn @ (np.eye(3) + sine * cross + (1.0 - cosine) * (cross @ cross))
+        else:
+            shift = shift + (turn @ axis) * value[:, None]
+        rotation[:, j], origin[:, j] = turn, shift
     return rotation, origin
+
+
+def joint_axis(robot: Robot, j: int) -> tuple[bool, np.ndarray]:
+    """(revolute, axis in the joint's frame) of joint j of the model."""
+    name = robot.model.joints[j].shortname().removeprefix("JointModel")
+    if name in ("RX", "RY", "RZ", "PX", "PY", "PZ"):
+        return name[0] == "R", np.eye(3)["XYZ".index(name[1])]
+    if name in ("RevoluteUnaligned", "PrismaticUnaligned"):
+        return name[0] == "R", np.asarray(robot.model.joints[j].extract().axis, dtype=float)
+    raise ProblemError(
+        Fault("joint-kind", "", str(robot.model.names[j]), name, "revolute or prismatic, one axis")
+    )

@@ -130,14 +130,34 @@ class ExactPlacer:
     """Puts the solids of one arm at the samples of one path (2 N + 1 joint frames)."""
 
     def __init__(self, shapes: ArmShapes, rotation: np.ndarray, origin: np.ndarray) -> None:
-        self.shapes, self.rotation, self.origin = shapes, rotation, origin
+        self.shapes = shapes
+        turn = rotation[:, shapes.joint]
+        self.rotation = turn @ shapes.pose[None, :, :3, :3]
+        self.origin = (
+            np.einsum("kcab,cb->kca", turn, shapes.pose[:, :3, 3]) + origin[:, shapes.joint]
+        )
+        self._made: dict[tuple[int, int], coal.Transform3s] = {}
 
     def transform(self, sample: int, solid: int) -> coal.Transform3s:
         """World placement of a solid at a sample."""
-        j = self.shapes.joint[solid]
-        r, p = self.rotation[sample, j], self.origin[sample, j]
-        pose = self.shapes.pose[solid]
-        return coal.Transform3s(r @ pose[:3, :3], r @ pose[:3, 3] + p)
+        key = (sample, int(solid))
+        if key not in self._made:
+            self._made[key] = coal.Transform3s(
+                self.rotation[sample, solid], self.origin[sample, solid]
+            )
+        return self._made[key]
+
+
+@numba.njit(cache=True)
+def _near(ends_a, ends_b, radii, limit):
+    """Indices of the rows whose capsules are within their limit."""
+    out = np.empty(len(radii), dtype=np.int64)
+    count = 0
+    for m in range(len(radii)):
+        if segment_distance(ends_a[m], ends_b[m]) - radii[m] <= limit[m]:
+            out[count] = m
+            count += 1
+    return out[:count]
 
 
 def _refine(
@@ -172,10 +192,9 @@ def _refine(
         way = way_a[near[:, 0]] + way_b[near[:, 1]]
         ea, eb = path_a.ends_m[ma][near[:, 0]], path_b.ends_m[mb][near[:, 1]]
         left, hit = [], False
-        for m, (a, b) in enumerate(near):
-            bound = segment_distance(ea[m], eb[m]) - path_a.radius_m[a] - path_b.radius_m[b]
-            if bound > clearance + way[m]:
-                continue
+        for m in _near(ea, eb, path_a.radius_m[near[:, 0]] + path_b.radius_m[near[:, 1]],
+                       clearance + way):  # fmt: skip
+            a, b = near[m]
             tests += 1
             result.clear()
             distance = coal.distance(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,12 +121,13 @@ def prepare_cell(cell: Cell, cell_s: float = 0.004) -> PreparedCell:
 class Geometry:
     """Swept paths and coordination maps of a cell, made when first asked for."""
 
-    def __init__(self, cell: Cell, exact: bool = True) -> None:
-        self.cell, self.exact = cell, exact
+    def __init__(self, cell: Cell) -> None:
+        self.cell = cell
         self.shapes: list[ArmShapes] = [arm_shapes(r.robot, r.tool_bodies) for r in cell.robots]
         self._swept: dict[int, SweptPath] = {}
         self._frames: dict[int, ExactPlacer] = {}
         self._maps: dict[tuple[int, int], CoordinationMap] = {}
+        self._sharp: set[tuple[int, int]] = set()
 
     def swept(self, number: int) -> SweptPath:
         """The path of a trajectory, in 2 `CELLS` pieces."""
@@ -139,15 +140,27 @@ class Geometry:
         return self._swept[number]
 
     def map(self, a: int, b: int) -> CoordinationMap:
-        """The map of trajectories a and b (by number, of two robots, a < b)."""
+        """The map of trajectories a and b (by number, of two robots, a < b).
+
+        Made with capsules; `sharpen` replaces it by the one of the exact solids.
+        """
         if (a, b) not in self._maps:
-            first, second = self.swept(a), self.swept(b)
-            found = coordination_map(first, second, self.cell.clearance_m)
-            if not found.all_free and self.exact:
-                placers = (self._placer(a), self._placer(b))
-                found = coordination_map(first, second, self.cell.clearance_m, placers)
-            self._maps[a, b] = found
+            self._maps[a, b] = coordination_map(self.swept(a), self.swept(b), self.cell.clearance_m)
         return self._maps[a, b]
+
+    def sharpen(self, pairs: Iterable[tuple[int, int]]) -> bool:
+        """Remake these maps with the exact solids; True if any map was not exact before."""
+        changed = False
+        for a, b in pairs:
+            if (a, b) in self._sharp or self.map(a, b).all_free:
+                continue
+            self._sharp.add((a, b))
+            changed = True
+            self._maps[a, b] = coordination_map(
+                self.swept(a), self.swept(b), self.cell.clearance_m,
+                (self._placer(a), self._placer(b)),
+            )  # fmt: skip
+        return changed
 
     def crossings(self, total_s: float) -> Crossings:
         """Check of whole schedules, all trajectories of all robots."""

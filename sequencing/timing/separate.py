@@ -35,6 +35,8 @@ def separated_timing(
         timing = Timing(start, np.ones(size), total)
         crossings = geometry.crossings(total)
         meeting = crossings.collisions(start, np.ones(size))
+        if geometry.sharpen(meeting):
+            continue
         if not meeting:
             return timing
         # The earliest meeting is mended first, by delaying the one that begins later.

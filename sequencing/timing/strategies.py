@@ -147,7 +147,14 @@ def window_result(
     line = prepared.window(numbers, length_s)
     graph = slack_graph([[flat[k]] for k in numbers], (), length_s)
     free = None if geometry is None else geometry.window(numbers, length_s).free
-    return optimise_timing(line, graph, seed, free, params)
+    result = optimise_timing(line, graph, seed, free, params)
+    if geometry is not None and result.value_j > result.relaxed_j + 1e-9 * abs(result.relaxed_j):
+        # Capsules are in the way: see whether the solids are.
+        pairs = [(a, b) for k, a in enumerate(numbers) for b in numbers[k + 1 :]]
+        if geometry.sharpen(pairs):
+            free = geometry.window(numbers, length_s).free
+            result = optimise_timing(line, graph, seed, free, params)
+    return result
 
 
 def general_timing(
@@ -178,6 +185,9 @@ def general_timing(
         spent += found.evaluations
         best = Timing(found.start_s, found.override, start.total_s, spent)
         meeting = [] if crossings is None else crossings.collisions(best.start_s, best.override)
+        if geometry is not None and geometry.sharpen(meeting):
+            crossings = geometry.crossings(start.total_s)
+            meeting = crossings.collisions(best.start_s, best.override)
         if not meeting:
             return best
         grown = {k for pair in meeting for k in pair}

@@ -17,7 +17,7 @@ import numpy as np
 
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
-from sequencing.timing.arm_shapes import ArmShapes, joint_frames
+from sequencing.timing.arm_shapes import ArmShapes, joint_axis, joint_frames
 
 __all__ = ["SweptPath", "joint_travel", "reaches", "swept_path"]
 
@@ -98,9 +98,8 @@ def _levers(
     lever = np.zeros((pieces, solids, n))
     reach = _chain(robot, shapes)
     for j in range(1, model.njoints):
-        kind = model.joints[j].shortname()
         column = model.joints[j].idx_v
-        axis = _axis(model, j)
+        revolute, axis = joint_axis(robot, j)
         world_axis = rotation[:, j] @ axis
         arm = ends - origin[:, j][:, None, None, :]
         across = np.linalg.norm(np.cross(arm, world_axis[:, None, None, :]), axis=-1).max(axis=2)
@@ -110,7 +109,7 @@ def _levers(
         for k in range(j + 1, model.njoints):
             column_k = model.joints[k].idx_v
             behind += reach[:, k] * turn[:, column_k, None] * (reach[:, k] > 0.0)
-        if "P" in kind.removeprefix("JointModel")[:1]:
+        if not revolute:
             lever[:, :, column] = carried * 1.0
         else:
             lever[:, :, column] = carried * np.minimum(across + behind, reach[:, j])
@@ -137,13 +136,6 @@ def reaches(robot: Robot, shapes: ArmShapes) -> np.ndarray:
     chain = _chain(robot, shapes)
     out = np.zeros((len(shapes.joint), model.nv))
     for j in range(1, model.njoints):
-        slides = model.joints[j].shortname().removeprefix("JointModel").startswith("P")
+        slides = not joint_axis(robot, j)[0]
         out[:, model.joints[j].idx_v] = (chain[:, j] > 0.0) if slides else chain[:, j]
     return out
-
-
-def _axis(model: object, j: int) -> np.ndarray:
-    kind = model.joints[j].shortname().removeprefix("JointModel")  # type: ignore[attr-defined]
-    if kind in ("RX", "RY", "RZ", "PX", "PY", "PZ"):
-        return np.eye(3)["XYZ".index(kind[1])]
-    return np.asarray(model.joints[j].extract().axis, dtype=float)  # type: ignore[attr-defined]

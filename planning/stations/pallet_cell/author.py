@@ -1,9 +1,11 @@
 """Author the pallet cell: positions in the cell become joint waypoints (`waypoints.csv`).
 
 Three heavy arms stand around one pallet, 120 degrees apart. Each takes 13 boxes from its own
-feeder and sets them down on the pallet: feeder -> pallet (with box) -> ready -> feeder, 39
-trajectories a robot. Positions are in metres, invented; the layout was fixed before any timing was
-optimised. Run `python -m planning.stations.pallet_cell.author` to write the files again.
+feeder and sets them down in a slotted rack of two tiers on the pallet: feeder -> pallet (with
+box) -> ready -> feeder, 39 trajectories a robot. They take turns: while one sets down, the next
+comes from its feeder and the third withdraws, so each begins its round one trajectory later than
+the one before. Positions are in metres, invented; the layout was fixed before any result was kept.
+Run `python -m planning.stations.pallet_cell.author` to write the files again.
 """
 
 from __future__ import annotations
@@ -24,7 +26,15 @@ BOX_KG = 45.0
 BASES = {"north": 90.0, "west": 210.0, "east": 330.0}
 SEED_RAD = np.array([0.0, 0.15, 0.1, 0.0, 1.3, 0.0])
 FEEDER_M = np.array([0.35, 1.75, 0.75])  # of the tool tip, in the robot's own frame
-READY_M = np.array([1.35, 0.95, 1.45])
+READY_M = np.array([1.5, 0.75, 1.3])
+# Slots of the pallet in each robot's order (39 of 40 are used). Chosen so
+# that at full speed nobody meets anybody, while in some windows a robot that merely slows down on
+# its way out would be met by the next one coming in: the situation of the paper's Fig. 5.
+ORDER = {
+    "north": [38, 6, 15, 29, 27, 33, 34, 37, 31, 22, 14, 1, 2],
+    "west": [3, 9, 26, 0, 13, 30, 21, 23, 11, 7, 25, 32, 20],
+    "east": [17, 5, 16, 12, 10, 18, 8, 24, 19, 36, 39, 35, 28],
+}
 REACH_M = 0.55  # flange to the bottom of the box that hangs below it
 
 
@@ -36,17 +46,14 @@ def base_pose(name: str) -> pin.SE3:
 
 
 def place_positions(name: str) -> np.ndarray:
-    """13 places (13, 3) [m] in the world: every third cell of a 5 x 4 grid, two layers."""
-    turn = list(BASES).index(name)
-    # The second layer runs back, so that consecutive boxes lie near each other.
-    cells = [
-        (x, y, layer)
-        for layer, columns in enumerate((np.linspace(-0.5, 0.5, 5), np.linspace(0.5, -0.5, 5)))
-        for x in columns
-        for y in np.linspace(-0.39, 0.39, 4)
+    """13 places (13, 3) [m] in the world, in the robot's order: 40 slots in two tiers."""
+    slots = [
+        (x, y, 0.75 + 0.25 * tier)
+        for tier in range(2)
+        for x in np.linspace(-0.5, 0.5, 5)
+        for y in np.linspace(-0.36, 0.36, 4)
     ]
-    chosen = cells[turn :: len(BASES)][:13]
-    return np.array([[x, y, 0.75 + 0.25 * layer] for x, y, layer in chosen])
+    return np.array([slots[k] for k in ORDER[name]])
 
 
 def inverse_kinematics(robot: Robot, tip_m: np.ndarray, seed_rad: np.ndarray) -> np.ndarray:
