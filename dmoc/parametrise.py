@@ -38,6 +38,7 @@ import pinocchio as pin  # isort: skip
 
 __all__ = ["TimedPath", "best_slowdown", "slowdown_coefficients", "time_scale"]
 
+Law = Literal["quintic", "toppra"]
 _LIMIT_SLACK = 0.999
 _PIN_TOLERANCE_RAD = 1e-9
 
@@ -52,7 +53,7 @@ class TimedPath:
 
     trajectory: JointTrajectory
     cost: float
-    law: Literal["quintic", "toppra"]
+    law: Law
     within_limits: bool
 
 
@@ -61,12 +62,14 @@ def time_scale(
     problem: MotionProblem,
     *,
     is_free: FreeTest | None = None,
+    laws: tuple[Law, ...] = ("quintic", "toppra"),
     least_points: int = 81,
 ) -> TimedPath:
     """Timing of `path` for `problem`: the cheaper of the two laws after the best slow-down.
 
     `is_free` (rows of q → bool) guards the blends of corners. Corners at the problem's departure
-    and arrival knots are passed within 1e-3 rad. With a fixed `duration_s` the law is stretched or
+    and arrival knots are passed within 1e-3 rad. `laws` are those tried; the quintic stands in
+    where no time-optimal law exists. With a fixed `duration_s` the law is stretched or
     squeezed to it.
     """
     points = np.asarray(path.q_rad)
@@ -76,11 +79,15 @@ def time_scale(
     )
     grid = blended.grid(least_points)
     q, dq, ddq = blended.evaluate(grid)
-    candidates = [_finish(problem, "quintic", _quintic_law(blended, grid), q, dq, ddq)]
-    speed = _toppra_speed(robot, blended, grid)
+    candidates = []
+    if "quintic" in laws:
+        candidates.append(_finish(problem, "quintic", _quintic_law(blended, grid), q, dq, ddq))
+    speed = _toppra_speed(robot, blended, grid) if "toppra" in laws else None
     if speed is not None:
         t = np.concatenate([[0.0], np.cumsum(2 * np.diff(grid) / (speed[:-1] + speed[1:]))])
         candidates.append(_finish(problem, "toppra", (t, speed), q, dq, ddq))
+    if not candidates:
+        candidates.append(_finish(problem, "quintic", _quintic_law(blended, grid), q, dq, ddq))
     legal = [c for c in candidates if c.within_limits] or candidates
     return min(legal, key=lambda c: c.cost)
 
@@ -158,7 +165,7 @@ def _both_signs(limit: Array) -> Array:
 
 def _finish(
     problem: MotionProblem,
-    law: Literal["quintic", "toppra"],
+    law: Law,
     timing: tuple[Array, Array],
     q: Array,
     dq: Array,

@@ -34,7 +34,8 @@ def box_half_widths(
 ) -> Array:
     """Half-widths (N+1, n) [rad] of the boxes around the knots; 0 at fixed knots."""
     weights = np.maximum(clearance.weights(view.q_rad), 1e-9)
-    spare = np.maximum(view.phi_m - required, _TIGHT_SHARE * (view.phi_m - params.floor_m))
+    above = view.phi_m - required
+    spare = np.where(above >= 0, above, _TIGHT_SHARE * (view.phi_m - params.floor_m))
     width = np.maximum(spare, 0.0)[:, None] / (weights.shape[1] * weights)
     half = np.full((len(fixed), weights.shape[1]), params.trust_most_rad)
     np.minimum.at(half, points.interval, width)

@@ -20,7 +20,6 @@ from dmoc.arrays import Array
 from dmoc.nlp_types import PathRows
 from dmoc.refinement.feasible import yielding
 from dmoc.refinement.iterate import Points
-from dmoc.refinement.params import RefineParams
 from dmoc.refinement.points import View
 
 __all__ = ["half_spaces"]
@@ -35,15 +34,15 @@ def half_spaces(
     points: Points,
     required: Array,
     radius: Array,
-    params: RefineParams,
     push_out_m: float,
+    rows_per_point: int,
 ) -> PathRows:
     """The half-spaces of one outer iteration.
 
     `required` (P,) [m] is demanded at the points, `radius` (N+1, n) [rad] is the trust region (0 at
     fixed knots). A point that violates is asked to move by at most `push_out_m` and by no more
     than the trust region allows. Rows that cannot become active within the trust region are left
-    out; of the others those with the smallest (d − r)/‖g‖₁ are kept at every point.
+    out; of the others the `rows_per_point` with the smallest (d − r)/‖g‖₁ are kept at every point.
     """
     rows = view.rows
     point = rows.knot
@@ -55,7 +54,7 @@ def half_spaces(
     wanted = np.where(slack < 0, np.minimum(wanted, _ATTAINABLE_SHARE * swing), wanted)
     norm = np.maximum(np.sum(np.abs(rows.gradient), axis=1), 1e-9)
     keep = np.flatnonzero((slack < swing) & (swing > 1e-12))
-    keep = _nearest(point[keep], (slack / norm)[keep], keep, params.rows_per_point)
+    keep = _nearest(point[keep], (slack / norm)[keep], keep, rows_per_point)
     along = np.sum(rows.gradient[keep] * view.chord_rad[point[keep]], axis=1)
     asked = PathRows(
         interval=points.interval[point[keep]],

@@ -94,10 +94,13 @@ def _num_given(problem: MotionProblem) -> tuple[int, int]:
 
 
 def iterate_from_path(problem: MotionProblem, path: JointPath | None) -> Iterate:
-    """A first iterate: the time-scaled path (the straight one if None), uniformly in time."""
-    return iterate_from_trajectory(
-        problem, time_scale(straight_path(problem) if path is None else path, problem).trajectory
-    )
+    """A first iterate: the time-scaled path (the straight one if None), uniformly in time.
+
+    Only the quintic law is tried: from it the first solve takes as many iterations as from the
+    time-optimal one, which costs more to compute.
+    """
+    timed = time_scale(straight_path(problem) if path is None else path, problem, laws=("quintic",))
+    return iterate_from_trajectory(problem, timed.trajectory)
 
 
 def iterate_from_trajectory(problem: MotionProblem, trajectory: JointTrajectory) -> Iterate:

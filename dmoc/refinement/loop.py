@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.iterate import Iterate, fixed_knots, iterate_from_path, iterate_from_trajectory
 from dmoc.refinement.params import Method, RefineParams, Trace
 from dmoc.refinement.points import View, look, points_of, required_clearance
+from dmoc.refinement.repair import repaired_stage, restart
 from dmoc.refinement.steps import Stage, take_step
 from dmoc.status import Status
 from dmoc.trajectory import JointPath, JointTrajectory
 
 __all__ = ["refine"]
+
+_NO_RISE_M = 1e-3
 
 
 def refine(
@@ -96,27 +99,28 @@ class _Loop:
         iterate, view = first, look(self.clearance, first, points, params.cap_m)
         history, used, outer = [first], 0, 0
         while True:
-            iterate, view, trust, outer, spent = self._descend(
+            iterate, view, trust, outer, spent, solution = self._descend(
                 stage, iterate, view, trust, outer, history
             )
             used += spent
-            last = take_step(stage, iterate, view, trust, outer, params.tight)
-            used += last.solver_iterations
             certificate = None
-            if last.accepted:
-                iterate, view = last.iterate, last.view
+            if solution is None or self._wants_tight(solution):
+                last = take_step(stage, iterate, view, trust, outer, params.tight)
+                used += last.solver_iterations
+                solution = last.solution
+                if last.accepted:
+                    iterate, view = last.iterate, last.view
+                    certificate = self.clearance.certify(iterate.trajectory(self.problem))
+            else:
                 certificate = self.clearance.certify(iterate.trajectory(self.problem))
-            motion = _motion(self.problem, last.solution, certificate, used)
+            motion = _motion(self.problem, solution, certificate, used)
             if motion.certified or stage.repair >= params.repair_rounds:
                 return motion
-            repaired = self._repair(stage, certificate)
+            repaired = repaired_stage(stage, certificate)
             if repaired is None:
                 return motion
+            iterate, trust = restart(repaired, stage, iterate, history, trust)
             stage = repaired
-            if self.method == "boxes":
-                iterate, trust = self._step_back(stage, history, trust)
-            else:
-                trust = np.maximum(trust, params.repair_trust_rad)
             view = look(self.clearance, iterate, stage.points, params.cap_m)
 
     def _descend(
@@ -127,10 +131,14 @@ class _Loop:
         trust: Array,
         outer: int,
         history: list[Iterate],
-    ) -> tuple[Iterate, View, Array, int, int]:
-        """Outer iterations until J stands still, the trust region is gone, or the limit."""
+    ) -> tuple[Iterate, View, Array, int, int, NlpSolution | None]:
+        """Outer iterations until J stands still, the trust region is gone, or the limit.
+
+        The solution is that of the iterate, None if no step was accepted.
+        """
         params, used, idle = self.params, 0, 0
-        limit = outer + params.max_outer if stage.repair else params.max_outer
+        solution = None
+        limit = outer + (params.max_outer_repair if stage.repair else params.max_outer)
         while outer < limit:
             step = take_step(stage, iterate, view, trust, outer, params.loose)
             used += step.solver_iterations
@@ -143,59 +151,22 @@ class _Loop:
                 continue
             idle = 0
             change = abs(iterate.cost - step.iterate.cost)
+            dearer = step.iterate.cost > iterate.cost
             deepest = float(np.min(view.phi_m - stage.required_m, initial=0.0))
-            iterate, view = step.iterate, step.view
+            iterate, view, solution = step.iterate, step.view, step.solution
             history.append(iterate)
             risen = float(np.min(view.phi_m - stage.required_m, initial=0.0)) - deepest
             below_floor = bool(np.any(view.phi_m < np.minimum(params.floor_m, stage.required_m)))
+            if dearer and risen <= _NO_RISE_M:
+                # Neither cheaper nor freer: the linearisation reaches too far.
+                trust = trust * params.shrink_dearer
             still = change <= params.stop_fraction * abs(iterate.cost)
             if still and not (below_floor and risen > 0.1 * params.floor_m):
                 break
-        return iterate, view, trust, outer, used
+        return iterate, view, trust, outer, used, solution
 
-    def _repair(self, stage: Stage, certificate: Certificate | None) -> Stage | None:
-        """The next stage, which also watches the places that the certificate named."""
-        repair = stage.repair + 1
-        if certificate is None or not certificate.failures:
-            # Nothing was near enough to be certified. Half-spaces may get out with a fresh trust
-            # region, once; boxes cannot.
-            retry = self.method == "halfspaces" and stage.repair == 0
-            return replace(stage, repair=repair) if retry else None
-        fixed = fixed_knots(self.problem)
-        # The nearest place of every interval: more would say the same.
-        places: dict[int, tuple[float, float]] = {}
-        for f in certificate.failures:
-            if not (fixed[f.interval] and fixed[f.interval + 1]):
-                place = (f.distance_m, f.fraction)
-                places[f.interval] = min(places.get(f.interval, place), place)
-        if not places:
-            return None
-        interval = np.array(list(places))
-        fraction = np.array([fraction for _, fraction in places.values()])
-        points = stage.points.with_extra(interval, fraction)
-        required = required_clearance(self.clearance, self.problem, points, self.params.clearance_m)
-        margin = np.zeros(len(points.interval))
-        margin[: len(stage.points.interval)] = (
-            stage.required_m - required[: len(stage.points.interval)]
-        )
-        hit = np.isin(points.interval, interval)
-        margin[hit] += self.params.repair_margin_m
-        return replace(stage, points=points, required_m=required + margin, repair=repair)
-
-    def _step_back(
-        self, stage: Stage, history: list[Iterate], trust: Array
-    ) -> tuple[Iterate, Array]:
-        """The latest iterate that is free at all points now watched, and smaller boxes there."""
-        added = np.unique(stage.points.interval[stage.points.fraction % 0.25 > 0])
-        slower = trust.copy()
-        for knot in added:
-            slower[knot : knot + 2] *= self.params.shrink
-        while len(history) > 1:
-            seen = look(self.clearance, history[-1], stage.points, self.params.cap_m)
-            if seen.phi_m.min(initial=1.0) >= self.params.floor_m:
-                break
-            history.pop()
-        return history[-1], slower
+    def _wants_tight(self, solution: NlpSolution) -> bool:
+        return self.params.always_tight or solution.max_defect > self.params.largest_defect
 
 
 def _motion(

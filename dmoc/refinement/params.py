@@ -22,14 +22,18 @@ class RefineParams:
     accepted from `floor_m` on; pairs further than `cap_m` are not looked at; `push_out_m` is the
     most that one outer iteration may demand from a point that violates.
     Points: `fractions` λ of every interval are checked (only 0 is the paper's knot-only form);
-    `rows_per_point` half-spaces are kept at each.
-    Outer iterations: at most `max_outer`, until J changes by less than `stop_fraction`; trust
-    region `trust_rad` per knot, times `trust_growth` on acceptance, at most `trust_most_rad`.
+    `rows_per_point` half-spaces are kept at each, three times as many after a violation.
+    Outer iterations: at most `max_outer` (`max_outer_repair` after a repair), until J changes by
+    less than `stop_fraction`; trust region `trust_rad` per knot, times `trust_growth` on
+    acceptance, at most `trust_most_rad`; after a step that is neither cheaper nor freer, times
+    `shrink_dearer`.
     On a violation the offending knots shrink to `shrink` times their step (neighbours to
     `shrink_beside`), at most `max_backtracks` times an outer iteration.
     Repair: up to `repair_rounds`, each with `repair_margin_m` more at the places that the
     certificate named and a trust region of at least `repair_trust_rad`.
-    `loose` and `tight` are the solver's settings before and in the last solve.
+    `loose` and `tight` are the solver's settings before and in the last solve; the last solve is
+    left out where `always_tight` is false and the loose one already leaves a defect of at most
+    `largest_defect` of h·u_max.
     """
 
     clearance_m: float = 0.02
@@ -37,14 +41,16 @@ class RefineParams:
     cap_m: float = 0.2
     push_out_m: float = 0.03
     fractions: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75)
-    rows_per_point: int = 8
+    rows_per_point: int = 4
     max_outer: int = 40
+    max_outer_repair: int = 12
     stop_fraction: float = 0.003
     trust_rad: float = 0.3
     trust_growth: float = 1.6
     trust_most_rad: float = 1.5
     shrink: float = 0.35
     shrink_beside: float = 0.6
+    shrink_dearer: float = 0.3
     max_backtracks: int = 6
     repair_rounds: int = 6
     repair_margin_m: float = 0.01
@@ -56,10 +62,13 @@ class RefineParams:
     )
     tight: IpoptParams = field(default_factory=lambda: IpoptParams(tolerance=1e-8))
 
+    always_tight: bool = True
+    largest_defect: float = 1e-6
+
     @classmethod
     def screening(cls, **changes: Any) -> RefineParams:
         """Settings that stop at 1 %, for edges that only have to be ranked."""
-        return replace(cls(stop_fraction=0.01), **changes)
+        return replace(cls(stop_fraction=0.01, always_tight=False), **changes)
 
     @classmethod
     def paper(cls, **changes: Any) -> RefineParams:

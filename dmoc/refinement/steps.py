@@ -17,13 +17,14 @@ from dmoc.refinement.halfspaces import half_spaces
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 from dmoc.refinement.params import Method, RefineParams, RefineRecord, Trace
 from dmoc.refinement.points import View, knots_of, look
-from dmoc.status import Status
 
 __all__ = ["Stage", "Step", "take_step"]
 
 # An iterate that violates may come back this much nearer without being called worse.
 _SAME_M = 1e-4
 _SMALLEST_TRUST_RAD = 1e-4
+# After so many failed programmes an outer iteration gives up.
+_MOST_FAILURES = 2
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,8 @@ def take_step(
     problem, params = stage.problem, stage.params
     fixed = fixed_knots(problem)
     half = _half_widths(stage, view, fixed, trust_rad)
-    rows = _rows(stage, view, half, params.push_out_m)
-    guess, used = iterate.guess(), 0
+    rows = _rows(stage, view, half, params.push_out_m, params.rows_per_point)
+    guess, used, failed = iterate.guess(), 0, 0
     scale = np.ones(len(fixed))
     for backtrack in range(params.max_backtracks + 1):
         box = _box(problem, iterate, half * scale[:, None])
@@ -106,16 +107,19 @@ def take_step(
         if accepted:
             trust = trust_rad * scale
             return Step(candidate, seen, _grown(stage, trust), True, used, solution)
+        guess = replace(guess, multipliers=None)
         if usable:
             scale = _shrunk(stage, candidate, iterate, half, scale, bad)
-            guess = replace(guess, multipliers=None)
-        elif solution.status is Status.INFEASIBLE and backtrack == 0:
-            # Rows that pull against each other: only forbid getting nearer.
-            rows = _rows(stage, view, half, 0.0)
-            guess = replace(guess, multipliers=None)
+            if backtrack == 0:
+                # A pair that had no row may have been hit.
+                rows = _rows(stage, view, half, params.push_out_m, 3 * params.rows_per_point)
         else:
+            failed += 1
+            if failed == _MOST_FAILURES:
+                break
+            # Contradicting rows, most likely: smaller steps, and only forbid getting nearer.
             scale = scale * params.shrink
-            guess = replace(guess, multipliers=None)
+            rows = _rows(stage, view, half * scale[:, None], 0.0, params.rows_per_point)
         if np.max(half * scale[:, None]) < _SMALLEST_TRUST_RAD:
             break
     return Step(iterate, view, trust_rad * scale, False, used, solution)
@@ -132,10 +136,12 @@ def _half_widths(stage: Stage, view: View, fixed: npt.NDArray[np.bool_], trust_r
     return half
 
 
-def _rows(stage: Stage, view: View, half: Array, push_out_m: float) -> PathRows | None:
+def _rows(
+    stage: Stage, view: View, half: Array, push_out_m: float, rows_per_point: int
+) -> PathRows | None:
     if stage.method == "boxes":
         return None
-    return half_spaces(view, stage.points, stage.required_m, half, stage.params, push_out_m)
+    return half_spaces(view, stage.points, stage.required_m, half, push_out_m, rows_per_point)
 
 
 def _box(problem: MotionProblem, iterate: Iterate, half: Array) -> Box:
@@ -149,10 +155,10 @@ def _box(problem: MotionProblem, iterate: Iterate, half: Array) -> Box:
 def _threshold(stage: Stage, view: View) -> Array:
     """What a candidate must keep at every point (P,)."""
     floor = np.minimum(stage.params.floor_m, stage.required_m)
-    if stage.method == "boxes":
-        at_knot = stage.points.fraction == 0
-        floor = np.where(at_knot, stage.required_m - 1e-9, floor)
-    return np.minimum(floor, view.phi_m - _SAME_M)
+    if stage.method == "halfspaces":
+        return np.minimum(floor, view.phi_m - _SAME_M)
+    demanded = np.where(stage.points.fraction == 0, stage.required_m, floor)
+    return np.minimum(demanded, view.phi_m) - 1e-7
 
 
 def _shrunk(

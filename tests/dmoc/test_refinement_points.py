@@ -112,13 +112,13 @@ def test_rows_hold_the_linearised_distance_and_can_be_met(seed, trust):
     ends = rng.uniform(-1.0, 1.5, (3, 2))
     problem = MotionProblem(robot, ends[0], ends[-1], num_intervals=8)
     iterate = iterate_from_path(problem, JointPath(ends))
-    params = RefineParams(push_out_m=0.05, rows_per_point=2)
+    params = RefineParams()
     points = points_of(problem, params.fractions)
     view = look(WORLD, iterate, points, 0.3)
     radius = np.full((9, 2), trust)
     radius[[0, -1]] = 0.0
     required = np.full(len(points.interval), params.clearance_m)
-    rows = half_spaces(view, points, required, radius, params, params.push_out_m)
+    rows = half_spaces(view, points, required, radius, push_out_m=0.05, rows_per_point=2)
     share = rows.fraction[:, None]
     chord = (1 - share) * iterate.q_rad[rows.interval] + share * iterate.q_rad[rows.interval + 1]
     room = (1 - share) * radius[rows.interval] + share * radius[rows.interval + 1]
