@@ -154,7 +154,9 @@ class Robot:
 
     def with_limits(self, **limits: Array | float) -> Robot:
         """This robot with other limits (field names of this class, scalars repeat)."""
-        vectors = {key: joint_vector(value, key, self.num_joints) for key, value in limits.items()}
+        vectors: dict[str, Any] = {
+            key: joint_vector(value, key, self.num_joints) for key, value in limits.items()
+        }
         changed = replace(self, **vectors)
         return replace(changed, fingerprint=_fingerprint(changed))
 

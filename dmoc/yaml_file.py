@@ -97,7 +97,7 @@ def _require_plain(text: str, refuse: Any) -> None:
     """Refuse anchors (they can explode) and nesting that would exhaust the stack."""
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
-        line = event.start_mark.line + 1
+        line = None if event.start_mark is None else event.start_mark.line + 1
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
             raise refuse("yaml-anchor", "an anchor or alias", "plain YAML", "write it out", line)
         if isinstance(event, yaml.CollectionStartEvent):

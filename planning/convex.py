@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, MeshError
@@ -19,15 +19,24 @@ __all__ = ["convex_shape", "cover_gap_m", "read_pieces", "sample_surface", "writ
 
 #: Half thickness [m] given to a flat piece, which would otherwise have no inside.
 FLAT_M = 5e-4
+#: Hulls with more corners than this are worth simplifying.
+MANY_CORNERS = 60
 
 
-def convex_shape(points: npt.ArrayLike, pose: Array | None = None) -> Shape:
-    """The hull of `points` (V, 3) [m] as a convex shape; flat sets get a thickness of 1 mm."""
+def convex_shape(points: npt.ArrayLike, pose: Array | None = None, slack_m: float = 0.0) -> Shape:
+    """The hull of `points` (V, 3) [m] as a convex shape; flat sets get a thickness of 1 mm.
+
+    With `slack_m` > 0 a hull of many corners is replaced by a simpler polytope around it whose
+    corners stand at most that far off.
+    """
     cloud = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     try:
         hull = ConvexHull(cloud)
     except QhullError:
         cloud = _thicken(cloud)
+        hull = ConvexHull(cloud)
+    if slack_m > 0 and len(hull.vertices) > MANY_CORNERS:
+        cloud = _simpler_around(hull, slack_m)
         hull = ConvexHull(cloud)
     order = np.sort(hull.vertices)
     index = np.full(len(cloud), -1)
@@ -51,6 +60,31 @@ def _thicken(cloud: Array) -> Array:
         if size < 4 * FLAT_M:
             cloud = np.concatenate([cloud - FLAT_M * axis, cloud + FLAT_M * axis])
     return cloud
+
+
+def _simpler_around(hull: ConvexHull, slack_m: float) -> Array:
+    """Corners of a polytope around `hull`: half-spaces of its own faces, the next one below each
+    corner that stands more than `slack_m` off, until none does or there are too many corners."""
+    planes = np.unique(np.round(hull.equations, 6), axis=0)
+    planes = planes[:: max(1, len(planes) // 1500)].copy()
+    corners = hull.points[hull.vertices]
+    # Rounded normals are no unit vectors and may cut into the hull: normalise, push out to touch.
+    planes[:, :3] /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    planes[:, 3] = -np.max(corners @ planes[:, :3].T, axis=0)
+    inside = corners.mean(axis=0)
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    chosen = np.column_stack([axes, -np.max(corners @ axes.T, axis=0)])
+    for _ in range(12):
+        polytope = np.unique(HalfspaceIntersection(chosen, inside).intersections, axis=0)
+        off = np.max(polytope @ planes[:, :3].T + planes[:, 3], axis=1)
+        if off.max() <= slack_m:
+            return polytope
+        if len(polytope) >= len(corners):
+            return corners
+        far = polytope[off > slack_m]
+        below = np.unique(np.argmax(far @ planes[:, :3].T + planes[:, 3], axis=1))
+        chosen = np.unique(np.vstack([chosen, planes[below]]), axis=0)
+    return corners
 
 
 def read_pieces(path: Path, scale: float, file: str, field: str) -> tuple[Shape, ...]:
@@ -134,5 +168,8 @@ def cover_gap_m(pieces: Sequence[Shape], points: Array) -> Array:
         hull = ConvexHull(piece.vertices_m)
         planes = np.unique(np.round(hull.equations, 12), axis=0)
         local = (points - piece.pose[:3, 3]) @ piece.pose[:3, :3]
-        gap = np.minimum(gap, np.max(local @ planes[:, :3].T + planes[:, 3], axis=1))
+        outside = np.full(len(points), -np.inf)
+        for plane in planes:
+            np.maximum(outside, local @ plane[:3] + plane[3], out=outside)
+        np.minimum(gap, outside, out=gap)
     return gap

@@ -1,114 +1,197 @@
 """Cut a triangle mesh into convex pieces that cover it, solid included.
 
-Cells are cut by axis-parallel planes, best gain first. Each cut closes both halves with a cap (a
-fan over every loop of the cut), so a half's hull holds every extreme point of the solid in it:
-the pieces cover the surface always, and the inside of a watertight mesh too.
+Cells are cut by axis-parallel planes, best gain first. Of a watertight mesh a cell keeps, besides
+its triangles, the polygons in which the planes cut the solid (caps, as closed sets of edges with
+even-odd inside). Every extreme point of the solid in a cell is then an end of a triangle's or a
+cap's edge, so the hull of those points covers the solid there, also where a cell lies wholly
+inside. Of an open mesh the surface alone is covered.
 """
 
 from __future__ import annotations
 
 import heapq
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from dmoc.arrays import Array
 from planning.convex import convex_shape
-from planning.mesh_gate import Mesh
+from planning.mesh_gate import Mesh, is_watertight
 from planning.shapes import Shape
 
 __all__ = ["mesh_pieces", "split_by_plane"]
 
 _FRACTIONS = (0.2, 0.35, 0.5, 0.65, 0.8)
-_DIRECTIONS = np.random.default_rng(0).normal(size=(60, 3))
+_DIRECTIONS = np.random.default_rng(0).normal(size=(40, 3))
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """Triangles (T, 3, 3) and, per plane that bounds the cell, the cap's edges (E, 2, 3)."""
+
+    triangles: Array
+    caps: tuple[Array, ...]
+    low: tuple[float, ...] = (-np.inf,) * 3
+    high: tuple[float, ...] = (np.inf,) * 3
+
+    def solid_volume(self) -> float | None:
+        """Volume [m³] of the solid in the cell, if planes cut it on one side at most of some axis.
+
+        Divergence theorem with the field (x − c) along that axis, c the cutting plane: the caps
+        add nothing.
+        """
+        for axis in range(3):
+            if np.isfinite(self.low[axis]) and np.isfinite(self.high[axis]):
+                continue
+            plane = self.low[axis] if np.isfinite(self.low[axis]) else self.high[axis]
+            plane = plane if np.isfinite(plane) else 0.0
+            corners = self.triangles
+            area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            return float(np.sum((corners[:, :, axis].mean(axis=1) - plane) * area[:, axis]))
+        return None
+
+    def points(self) -> Array:
+        """Distinct points (P, 3) whose hull covers the cell's part of the mesh."""
+        rows = [self.triangles.reshape(-1, 3), *(cap.reshape(-1, 3) for cap in self.caps)]
+        return np.unique(np.concatenate(rows), axis=0)
 
 
 def mesh_pieces(mesh: Mesh, max_pieces: int = 64, tolerance_m: float = 0.004) -> tuple[Shape, ...]:
     """Convex pieces (at most `max_pieces`) that cover `mesh`.
 
-    A cell is cut while that saves more volume than a slab of `tolerance_m` over the cell's
-    largest side: about how far a piece may stand off the mesh.
+    A cell is cut while that promises to save more volume than a slab of `tolerance_m` over its two
+    largest sides: about how far a piece may stand off the mesh. Pieces with many corners are
+    replaced by simpler ones around them, at most half the tolerance or 0.5 % of their size larger.
     """
-    heap: list[tuple[float, int, Array, tuple[Array, Array] | None]] = []
+    heap: list[tuple[float, int, _Cell, tuple[_Cell, _Cell] | None]] = []
     count = 0
 
-    def push(soup: Array) -> None:
+    def push(cell: _Cell) -> None:
         nonlocal count
-        gain, halves = _best_cut(soup)
-        size = np.sort(np.ptp(soup.reshape(-1, 3), axis=0))
+        gain, halves = _best_cut(cell, mesh.watertight)
+        size = np.sort(np.ptp(cell.points(), axis=0))
         worth = halves is not None and gain > tolerance_m * size[1] * size[2]
-        heapq.heappush(heap, (-gain if worth else 0.0, count, soup, halves if worth else None))
+        heapq.heappush(heap, (-gain if worth else 0.0, count, cell, halves if worth else None))
         count += 1
 
-    push(mesh.vertices_m[mesh.faces])
+    push(_Cell(mesh.vertices_m[mesh.faces], ()))
     while len(heap) < max_pieces and heap[0][3] is not None:
-        _, _, _, halves = heapq.heappop(heap)
+        halves = heapq.heappop(heap)[3]
         assert halves is not None
         for half in halves:
             push(half)
-    order = sorted(heap, key=lambda item: item[1])
-    return tuple(convex_shape(np.unique(item[2].reshape(-1, 3), axis=0)) for item in order)
+    cells = [item[2] for item in sorted(heap, key=lambda item: item[1])]
+    pieces = []
+    for cell in cells:
+        points = cell.points()
+        slack = max(0.5 * tolerance_m, 0.005 * float(np.linalg.norm(np.ptp(points, axis=0))))
+        pieces.append(convex_shape(points, slack_m=slack))
+    return tuple(pieces)
 
 
 def split_by_plane(mesh: Mesh, normal: Array, offset: float) -> tuple[Mesh | None, Mesh | None]:
-    """The parts of `mesh` with n·x <= offset and n·x >= offset, closed by caps (None if empty)."""
+    """The parts of `mesh` with n·x <= offset and n·x >= offset (None if empty).
+
+    Both are closed with a fan over the cut, which is exact where the cut is star-shaped.
+    """
+    cell = _Cell(mesh.vertices_m[mesh.faces], ())
     parts: list[Mesh | None] = []
-    for soup in _cut(mesh.vertices_m[mesh.faces], np.asarray(normal, dtype=float), offset):
-        if len(soup) == 0:
+    for half in _cut(cell, np.asarray(normal, dtype=float), offset, mesh.watertight):
+        if len(half.triangles) == 0:
             parts.append(None)
             continue
-        vertices, index = np.unique(soup.reshape(-1, 3), axis=0, return_inverse=True)
-        parts.append(Mesh(vertices, index.reshape(-1, 3), mesh.watertight))
+        soup = [half.triangles]
+        for cap in half.caps:
+            hub = np.broadcast_to(cap.reshape(-1, 3).mean(axis=0), (len(cap), 3))
+            soup.append(np.stack([hub, cap[:, 0], cap[:, 1]], axis=1))
+        vertices, index = np.unique(np.concatenate(soup).reshape(-1, 3), axis=0,
+                                    return_inverse=True)  # fmt: skip
+        faces = index.reshape(-1, 3)
+        parts.append(Mesh(vertices, faces, is_watertight(faces)))
     return parts[0], parts[1]
 
 
-def _best_cut(soup: Array) -> tuple[float, tuple[Array, Array] | None]:
-    """The axis-parallel cut that saves most hull volume, and that volume [m³]."""
-    points = np.unique(soup.reshape(-1, 3), axis=0)
+def _best_cut(cell: _Cell, solid: bool) -> tuple[float, tuple[_Cell, _Cell] | None]:
+    """The axis-parallel cut that saves most hull volume, and the volume [m³] worth saving.
+
+    A first cut of a ring saves nothing, so the worth is what the hull holds beyond the solid; the
+    cut that saves most at once is made, or the longest side is halved if none does.
+    """
+    points = cell.points()
     whole = _hull_volume(points)
     if whole <= 0.0:
         return 0.0, None
     low, size = points.min(axis=0), np.ptp(points, axis=0)
-    best, cut = 0.0, None
+    longest = int(np.argmax(size))
+    best, chosen = 0.02 * whole, (longest, float(low[longest] + 0.5 * size[longest]))
+    most = 0.0
     for axis in range(3):
         for fraction in _FRACTIONS:
-            offset = low[axis] + fraction * size[axis]
-            gain = whole - sum(_hull_volume(half) for half in _rough_halves(soup, axis, offset))
+            offset = float(low[axis] + fraction * size[axis])
+            cut = _crossings(cell, axis, offset)
+            below = np.concatenate([points[points[:, axis] <= offset], cut])
+            above = np.concatenate([points[points[:, axis] >= offset], cut])
+            gain = whole - _hull_volume(below) - _hull_volume(above)
+            most = max(most, gain)
             if gain > best:
-                best, cut = gain, (axis, offset)
-    if cut is None:
+                best, chosen = gain, (axis, offset)
+    held = cell.solid_volume() if solid else None
+    worth = most if held is None else max(most, whole - held)
+    halves = _cut(cell, np.eye(3)[chosen[0]], chosen[1], solid)
+    if min(len(half.points()) for half in halves) < 3:
         return 0.0, None
-    first, second = _cut(soup, np.eye(3)[cut[0]], cut[1])
-    if len(first) == 0 or len(second) == 0:
-        return 0.0, None
-    exact = whole - sum(_hull_volume(half.reshape(-1, 3)) for half in (first, second))
-    return exact, (first, second)
+    axis, plane = chosen
+    first = replace(halves[0], low=cell.low, high=_with(cell.high, axis, plane))
+    second = replace(halves[1], low=_with(cell.low, axis, plane), high=cell.high)
+    return worth, (first, second)
 
 
-def _rough_halves(soup: Array, axis: int, offset: float) -> tuple[Array, Array]:
-    """Points of both halves without building them (for scoring only)."""
-    height = soup[:, :, axis] - offset
-    crossing = (height.min(axis=1) < 0) & (height.max(axis=1) > 0)
-    cut = _cut_points(soup[crossing], height[crossing])[0].reshape(-1, 3)
-    points, side = soup.reshape(-1, 3), height.reshape(-1)
-    return (
-        np.concatenate([points[side <= 0], cut]),
-        np.concatenate([points[side >= 0], cut]),
-    )
+def _with(values: tuple[float, ...], axis: int, value: float) -> tuple[float, ...]:
+    return (*values[:axis], value, *values[axis + 1 :])
+
+
+def _crossings(cell: _Cell, axis: int, offset: float) -> Array:
+    """Where the surface crosses the plane (for scoring only)."""
+    height = cell.triangles[:, :, axis] - offset
+    crossing = (height.min(axis=1) <= 0) & (height.max(axis=1) > 0)
+    if not crossing.any():
+        return np.zeros((0, 3))
+    return _cut_points(cell.triangles[crossing], height[crossing])[0].reshape(-1, 3)
 
 
 def _hull_volume(points: Array) -> float:
+    """Volume of the hull, from extremes along fixed directions where there are many points."""
+    if len(points) > 400:
+        chosen = np.unique(np.concatenate([
+            np.argmax(points @ _DIRECTIONS.T, axis=0), np.argmin(points @ _DIRECTIONS.T, axis=0),
+            np.argmax(points, axis=0), np.argmin(points, axis=0),
+        ]))  # fmt: skip
+        points = points[chosen]
     if len(points) < 4:
         return 0.0
-    if len(points) > 2000:  # extremes along fixed directions are enough for a score
-        chosen = np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))
-        points = points[chosen]
     try:
         return float(ConvexHull(points).volume)
     except (QhullError, ValueError):
         return 0.0
+
+
+def _later(a: Array, b: Array) -> Array:
+    """Whether rows of a (K, 3) come after rows of b in lexicographic order."""
+    result = np.zeros(len(a), dtype=bool)
+    tied = np.ones(len(a), dtype=bool)
+    for axis in range(3):
+        result |= tied & (a[:, axis] > b[:, axis])
+        tied &= a[:, axis] == b[:, axis]
+    return result
+
+
+def _between(a: Array, b: Array, ha: Array, hb: Array) -> Array:
+    """Points (K, 3) of the edges a–b at height 0; the same for a–b and b–a, to the last bit."""
+    swap = _later(a, b)
+    a, b = np.where(swap[:, None], b, a), np.where(swap[:, None], a, b)
+    ha, hb = np.where(swap, hb, ha), np.where(swap, ha, hb)
+    return a + (ha / (ha - hb))[:, None] * (b - a)
 
 
 def _cut_points(soup: Array, height: Array) -> tuple[Array, Array]:
@@ -120,66 +203,72 @@ def _cut_points(soup: Array, height: Array) -> tuple[Array, Array]:
     ends = []
     for step in (1, 2):
         other = (lone + step) % 3
-        a, b = soup[rows, lone], soup[rows, other]
-        ha, hb = height[rows, lone], height[rows, other]
-        # One order for both triangles of an edge, so that they share the point exactly.
-        swap = _later(a, b)
-        a, b = np.where(swap[:, None], b, a), np.where(swap[:, None], a, b)
-        ha, hb = np.where(swap, hb, ha), np.where(swap, ha, hb)
-        fraction = ha / (ha - hb)
-        ends.append(a + fraction[:, None] * (b - a))
-    if not len(soup):
-        return np.zeros((0, 2, 3)), lone
+        ends.append(_between(soup[rows, lone], soup[rows, other], height[rows, lone],
+                             height[rows, other]))  # fmt: skip
     return np.stack(ends, axis=1), lone
 
 
-def _later(a: Array, b: Array) -> Array:
-    """Whether row of a comes after row of b in lexicographic order."""
-    result = np.zeros(len(a), dtype=bool)
-    tied = np.ones(len(a), dtype=bool)
-    for axis in range(a.shape[1] if a.ndim == 2 else 0):
-        result |= tied & (a[:, axis] > b[:, axis])
-        tied &= a[:, axis] == b[:, axis]
-    return result
+def _cut(cell: _Cell, normal: Array, offset: float, solid: bool) -> tuple[_Cell, _Cell]:
+    """The halves below and above the plane n·x = offset, with their caps if `solid`."""
+    halves, segments = _cut_triangles(cell.triangles, normal, offset)
+    if not solid:
+        return _Cell(halves[0], ()), _Cell(halves[1], ())
+    caps: tuple[list[Array], list[Array]] = ([], [])
+    for cap in cell.caps:
+        parts, inner = _cut_cap(cap, normal, offset)
+        for side in (0, 1):
+            if len(parts[side]):
+                caps[side].append(parts[side])
+        segments = np.concatenate([segments, inner])
+    if len(segments):
+        caps[0].append(segments)
+        caps[1].append(segments)
+    return _Cell(halves[0], tuple(caps[0])), _Cell(halves[1], tuple(caps[1]))
 
 
-def _cut(soup: Array, normal: Array, offset: float) -> tuple[Array, Array]:
-    """Closed halves below and above the plane, as triangle soups (T, 3, 3)."""
+def _cut_triangles(soup: Array, normal: Array, offset: float) -> tuple[tuple[Array, Array], Array]:
+    """Triangles below and above, and the segments (S, 2, 3) in which the plane cuts them."""
     height = soup @ normal - offset
-    below, above = height.max(axis=1) <= 0, height.min(axis=1) >= 0
-    crossing = ~below & ~above
-    parts: tuple[list[Array], list[Array]] = ([soup[below]], [soup[above & ~below]])
+    above = height.min(axis=1) > 0
+    crossing = ~above & (height.max(axis=1) > 0)
+    parts: tuple[list[Array], list[Array]] = ([soup[~above & ~crossing]], [soup[above]])
     cross, level = soup[crossing], height[crossing]
-    if len(cross):
-        ends, lone = _cut_points(cross, level)
-        rows = np.arange(len(cross))
-        corner = cross[rows, lone]
-        second, third = cross[rows, (lone + 1) % 3], cross[rows, (lone + 2) % 3]
-        first_end, last_end = ends[:, 0], ends[:, 1]
-        tip = np.stack([corner, first_end, last_end], axis=1)
-        quad = (
-            np.stack([first_end, second, third], axis=1),
-            np.stack([first_end, third, last_end], axis=1),
-        )
-        is_above = level[rows, lone] > 0
-        for side, chosen in ((0, ~is_above), (1, is_above)):
-            parts[side].append(tip[chosen])
-            parts[1 - side] += [part[chosen] for part in quad]
-        cap = _cap(ends)
-        parts[0].append(cap)
-        parts[1].append(cap[:, ::-1])
-    low, high = (np.concatenate(part) for part in parts)
-    return low, high
-
-
-def _cap(segments: Array) -> Array:
-    """A fan of triangles over each connected loop of cut segments (S, 2, 3)."""
-    points, index = np.unique(np.round(segments.reshape(-1, 3), 10), axis=0, return_inverse=True)
-    pairs = index.reshape(-1, 2)
-    graph = coo_matrix(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points))
+    if not len(cross):
+        return (parts[0][0], parts[1][0]), np.zeros((0, 2, 3))
+    ends, lone = _cut_points(cross, level)
+    rows = np.arange(len(cross))
+    corner = cross[rows, lone]
+    second, third = cross[rows, (lone + 1) % 3], cross[rows, (lone + 2) % 3]
+    tip = np.stack([corner, ends[:, 0], ends[:, 1]], axis=1)
+    quad = (
+        np.stack([ends[:, 0], second, third], axis=1),
+        np.stack([ends[:, 0], third, ends[:, 1]], axis=1),
     )
-    _, label = connected_components(graph, directed=False)
-    _, hub = np.unique(label, return_index=True)
-    centre = points[hub][label[pairs[:, 0]]]
-    return np.stack([centre, segments[:, 0], segments[:, 1]], axis=1)
+    is_above = level[rows, lone] > 0
+    for side, chosen in ((0, ~is_above), (1, is_above)):
+        parts[side].append(tip[chosen])
+        parts[1 - side].extend(part[chosen] for part in quad)
+    # Seen from above the plane the solid lies to one side of each directed segment.
+    directed = np.where(is_above[:, None, None], ends, ends[:, ::-1])
+    return (np.concatenate(parts[0]), np.concatenate(parts[1])), directed
+
+
+def _cut_cap(cap: Array, normal: Array, offset: float) -> tuple[tuple[Array, Array], Array]:
+    """Cap edges (E, 2, 3) below and above, both closed, and the closing segments inside."""
+    height = cap @ normal - offset
+    above, below = height.min(axis=1) > 0, height.max(axis=1) <= 0
+    crossing = ~above & ~below
+    if not crossing.any():
+        return (cap[below], cap[above]), np.zeros((0, 2, 3))
+    edge, level = cap[crossing], height[crossing]
+    cut = _between(edge[:, 0], edge[:, 1], level[:, 0], level[:, 1])
+    first_above = level[:, 0] > 0
+    upper = np.stack([np.where(first_above[:, None], edge[:, 0], edge[:, 1]), cut], axis=1)
+    lower = np.stack([np.where(first_above[:, None], edge[:, 1], edge[:, 0]), cut], axis=1)
+    # Along the line of both planes the polygon is entered and left in turn.
+    order = np.argsort(cut[:, int(np.argmax(np.ptp(cut, axis=0)))], kind="stable")
+    inner = cut[order][: 2 * (len(cut) // 2)].reshape(-1, 2, 3)
+    return (
+        (np.concatenate([cap[below], lower, inner]), np.concatenate([cap[above], upper, inner])),
+        inner,
+    )

@@ -61,7 +61,7 @@ def _meeting_point(chain: Chain, joints: tuple[int, ...]) -> Array | None:
     for i in joints:
         if np.linalg.norm(np.cross(chain.axis[i], point - chain.point[i])) > _NEAR:
             return None
-    return point
+    return np.asarray(point, dtype=np.float64)
 
 
 def _turned(axis: Array, angle: Array, vector: Array) -> Array:
@@ -70,7 +70,7 @@ def _turned(axis: Array, angle: Array, vector: Array) -> Array:
         vector, (len(angle), 3)))  # fmt: skip
 
 
-def _elbow(chain: Chain, point: Array, target: Array) -> tuple[Array, Array, Array]:
+def _elbow(chain: Chain, point: Array, target: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     """q2, q3 (K, 2) that bring `point` (3,) to `target` (K, 3), and existence (K,).
 
     Axes 2 and 3 are parallel; heights along them must agree already. The distance of the moved
@@ -86,7 +86,7 @@ def _elbow(chain: Chain, point: Array, target: Array) -> tuple[Array, Array, Arr
     q2 = np.stack(
         [rotate_onto(axis, arm + _turned(axis, turn[:, j], reach), goal) for j in (0, 1)], axis=1
     )
-    return q2, sign * turn, exists
+    return q2, np.asarray(sign * turn), exists
 
 
 def _spherical_wrist(chain: Chain, wrist: Array, poses: Array) -> Branches:

@@ -1,0 +1,99 @@
+"""Search the alternatives of every weld: which joint vectors weld it, and why the others do not."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from dmoc.arrays import Array
+from planning.alternative import Alternative, StudAlternatives, weld_line, weld_poses
+from planning.chain import chain_of
+from planning.departure_line import DepartureLine
+from planning.kinematics import follow_line, inverse
+from planning.station import Station
+from planning.studs import Stud
+from planning.world import CollisionWorld
+
+__all__ = ["alternatives"]
+
+#: Fractions of the departure line at which an alternative is checked and stored.
+LINE_FRACTIONS = np.linspace(0.0, 1.0, 11)
+#: Once off its line the tip may touch nothing: this far it must be from the part by then [m].
+FREE_M = 0.005
+
+
+def alternatives(
+    station: Station, world: CollisionWorld | None = None, seed: int = 0
+) -> tuple[StudAlternatives, ...]:
+    """All alternatives of every stud: IK branches × wrap-arounds within limits × tool spins that
+    keep the station's clearance at the weld and on the whole departure line.
+
+    The gun's touching body may meet the part only while the tip is on that line; at its end it
+    must be 5 mm off. `seed` matters only for arms whose inverse kinematics is numerical.
+    """
+    world = CollisionWorld(station) if world is None else world
+    return tuple(
+        _of_stud(station, world, stud, seed + 100_003 * k) for k, stud in enumerate(station.studs)
+    )
+
+
+def _of_stud(station: Station, world: CollisionWorld, stud: Stud, seed: int) -> StudAlternatives:
+    robot = station.robot
+    found = inverse(robot, weld_poses(stud, station.spin_steps), seed)
+    reasons: Counter[str] = Counter()
+    reasons["unreachable"] += int(np.sum(found.num_branches == 0))
+    reasons["joint limit"] += int(found.num_outside.sum())
+    line = weld_line(station, stud)
+    own = {body.name for body in station.tool_bodies} | {f.name for f in robot.model.frames}
+    q = _without(world, station, found.q_rad, line, own, reasons, "collision with ")
+    offset = stud.depart_m * LINE_FRACTIONS[:, None] * stud.depart_direction
+    knots, good = follow_line(chain_of(robot), q, np.broadcast_to(offset, (len(q), *offset.shape)))
+    reasons["departure leaves the joint limits"] += int(np.sum(~good))
+    kept = []
+    for row in knots[good]:
+        pair = _first_hit(world, row, station.clearance_m, (line,))
+        pair = pair or _first_hit(world, row[-1:], FREE_M, ())
+        if pair is None:
+            kept.append(row)
+        else:
+            reasons["departure jams with " + _other(pair, own)] += 1
+    cost = station.cost
+    result = []
+    for index, row in enumerate(kept):
+        rate = float(cost.holding_rate(robot.gravity_torque_nm(row[0])))
+        result.append(Alternative(stud.id, index, row[0], row, stud.weld_time_s * rate))
+    return StudAlternatives(stud, tuple(result), {k: v for k, v in reasons.items() if v})
+
+
+def _without(
+    world: CollisionWorld, station: Station, q: Array, line: DepartureLine, own: set[str],
+    reasons: Counter[str], words: str,
+) -> Array:  # fmt: skip
+    """Rows of q that keep clear at the weld; the others are counted by reason."""
+    if not len(q):
+        return q
+    hit: npt.NDArray[np.bool_] = world.collide_batch(q, station.clearance_m, (line,))
+    for row in q[hit]:
+        pair = world.collide(row, station.clearance_m, (line,))
+        if pair is not None:
+            other = _other(pair, own)
+            reasons["self-collision" if other == "itself" else words + other] += 1
+    return q[~hit]
+
+
+def _first_hit(
+    world: CollisionWorld, q: Array, inflation_m: float, lines: Sequence[DepartureLine]
+) -> tuple[str, str] | None:
+    hit = world.collide_batch(q, inflation_m, lines)
+    if not hit.any():
+        return None
+    return world.collide(q[int(np.argmax(hit))], inflation_m, lines)
+
+
+def _other(pair: tuple[str, str], own: set[str]) -> str:
+    """The body of a pair that is not the robot's; `itself` if both are."""
+    others = [name for name in pair if name not in own]
+    return others[0] if others else "itself"

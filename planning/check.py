@@ -1,0 +1,57 @@
+"""`dmoc check`: what a station file holds, and what each stud can be welded with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmoc.errors import Fault, InputError
+from planning.alternatives_search import alternatives
+from planning.station import Station, load_station
+from planning.world import CollisionWorld
+
+__all__ = ["check_home", "check_station"]
+
+
+def check_station(path: str | Path) -> dict[str, Any]:
+    """The object of `dmoc check --json`.
+
+    `studs`: per stud `id`, `alternatives` (their number), `reason` (empty, or what took the
+    candidates away, most frequent first), `weld_cost` [least, most] or null; besides `name`,
+    `robot`, `configurations`, `clearance_m` and an empty `errors`.
+
+    Errors: `InputError` with every fault of the file, or the home pose's collision.
+    """
+    station = load_station(path)
+    world = CollisionWorld(station)
+    check_home(station, world)
+    rows = []
+    for found in alternatives(station, world):
+        counted = sorted(found.reasons.items(), key=lambda item: (-item[1], item[0]))
+        costs = [item.weld_cost for item in found.alternatives]
+        rows.append({
+            "id": found.stud.id,
+            "alternatives": len(found.alternatives),
+            "reason": "" if costs else ", ".join(f"{text} ({n})" for text, n in counted),
+            "weld_cost": [min(costs), max(costs)] if costs else None,
+        })  # fmt: skip
+    return {
+        "name": station.name, "robot": station.robot.name, "clearance_m": station.clearance_m,
+        "configurations": sum(row["alternatives"] for row in rows), "studs": rows, "errors": [],
+    }  # fmt: skip
+
+
+def check_home(station: Station, world: CollisionWorld) -> None:
+    """Raise `InputError` (code home-collision) if the home pose touches something."""
+    if station.home_rad is None:
+        return
+    pair = world.collide(station.home_rad, station.clearance_m)
+    if pair is not None:
+        raise InputError(
+            Fault("home-collision", file=str(station.source), field="home_rad",
+                  value=f"{pair[0]} and {pair[1]} at {np.round(station.home_rad, 4).tolist()}",
+                  legal=f"a pose that keeps {station.clearance_m:g} m from everything",
+                  fix="choose another home pose, or null")
+        )  # fmt: skip
