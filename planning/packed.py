@@ -71,7 +71,8 @@ def _joint(model: pin.Model, data: pin.Data, index: int) -> _Joint:
                   legal="revolute with limits, or prismatic",
                   fix="give a continuous joint limits and make it revolute; fix what floats")
         )  # fmt: skip
-    column = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)[:, joint.idx_v]
+    jacobian = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)
+    column = jacobian.reshape(6, -1)[:, joint.idx_v]  # one joint gives a vector
     if np.linalg.norm(column[3:]) > 0.5:
         return _Joint(0, column[3:])
     return _Joint(1, column[:3])

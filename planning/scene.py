@@ -18,6 +18,7 @@ from planning.engines.fcl_engine import FclEngine
 from planning.kernels import scene as kernels
 from planning.kernels.contact import first_contacts, segment_contact
 from planning.kernels.gjk import SOLVED
+from planning.never import pairs_that_never_touch
 from planning.packed import Pairs, pack_chain, pack_pairs, pack_solids
 from planning.pairs import checked_pairs
 from planning.pieces import Mounted, pieces_of
@@ -72,7 +73,7 @@ class Scene:
         links, tools = link_bodies(robot), tool_mounts(robot, tool_bodies)
         standing = tuple(Mounted(body, 0, np.array(body.pose)) for body in obstacles)
         allowed = [*robot.allowed_collisions, *allowed_collisions]
-        self.body_pairs = checked_pairs(robot.model, links, tools, standing, allowed)
+        body_pairs = checked_pairs(robot.model, links, tools, standing, allowed)
         mounts = [*links, *tools, *standing]
         self.bodies = {m.body.name: m for m in mounts}
         pieces = [piece for m in mounts for piece in pieces_of(m)]
@@ -80,6 +81,12 @@ class Scene:
         self.pieces = tuple(pieces)
         self.moving = sum(piece.joint > 0 for piece in pieces)
         self.chain, self.solids = pack_chain(robot.model), pack_solids(pieces)
+        own = {m.body.name for m in (*links, *tools)}
+        self.never = pairs_that_never_touch(
+            pieces, [p for p in body_pairs if own.issuperset(p)], self.chain, self.solids,
+            (np.array(robot.q_lower_rad), np.array(robot.q_upper_rad)), pair_clearance_m,
+        )  # fmt: skip
+        self.body_pairs = tuple(pair for pair in body_pairs if pair not in self.never)
         self.pairs = pack_pairs(pieces, self.body_pairs, pair_clearance_m)
         self.engine_name = engine
         self.engine: Engine = FclEngine(pieces) if engine == "fcl" else CoalEngine(pieces)

@@ -66,6 +66,13 @@ class CollisionWorld:
         """Names of the body pairs that are checked."""
         return self.scene.body_pairs
 
+    @property
+    def never_touching(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of the robot's own bodies that are proven apart in every configuration within the
+        joint limits, and therefore not checked.
+        """
+        return self.scene.never
+
     def pair_of(self, piece_pair: int) -> tuple[str, str]:
         """Body names of a piece pair."""
         return self.scene.body_pairs[int(self.scene.pairs.body[piece_pair])]

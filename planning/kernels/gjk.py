@@ -81,7 +81,10 @@ def support(
 
 @kernel
 def outer_bound(pose: Any, size: Any, a: int, b: int) -> float:
-    """A lower bound of the distance from balls and boxes around the pieces [m]."""
+    """A lower bound of the distance of separated pieces, from balls and boxes around them [m].
+
+    For pieces that overlap it is not positive, and no bound of the depth.
+    """
     dx = pose[b, 12] - pose[a, 12]
     dy = pose[b, 13] - pose[a, 13]
     dz = pose[b, 14] - pose[a, 14]
@@ -94,18 +97,23 @@ def outer_bound(pose: Any, size: Any, a: int, b: int) -> float:
 
 @kernel
 def clearly_farther(pose: Any, size: Any, a: int, b: int, limit: float) -> bool:
-    """Whether balls or boxes around the pieces are farther apart than `limit` (no roots taken)."""
+    """Whether balls or boxes around the pieces are farther apart than `limit`.
+
+    Always false for a negative limit: balls and boxes bound no depth.
+    """
+    if limit < 0.0:
+        return False
     dx = pose[b, 12] - pose[a, 12]
     dy = pose[b, 13] - pose[a, 13]
     dz = pose[b, 14] - pose[a, 14]
     reach = size[a, 12] + size[b, 12] + limit
-    if reach < 0.0 or dx * dx + dy * dy + dz * dz > reach * reach:
+    if dx * dx + dy * dy + dz * dz > reach * reach:
         return True
     reach = size[b, 12] + limit
-    if reach < 0.0 or _ball_box_squared(pose, size, a, dx, dy, dz) > reach * reach:
+    if _ball_box_squared(pose, size, a, dx, dy, dz) > reach * reach:
         return True
     reach = size[a, 12] + limit
-    return reach < 0.0 or _ball_box_squared(pose, size, b, dx, dy, dz) > reach * reach
+    return _ball_box_squared(pose, size, b, dx, dy, dz) > reach * reach
 
 
 @kernel

@@ -77,7 +77,7 @@ def smallest_distances(
     """phi[k] = min(cap, smallest distance at q[k]), nearest[k] its pair (−1: none below cap).
 
     deep[k] is set where some pair overlaps or is undecided: there phi is only an upper bound and
-    an engine has to measure.
+    all near pairs have to be measured.
     """
     # Arrays taken out of their tuples once: inside the loops each access would count references.
     info, size, verts = solids.info, solids.size, solids.verts
@@ -121,6 +121,8 @@ def smallest_distances(
                 deep[k] = True
             if out[0] - extra < phi[k]:
                 phi[k], nearest[k] = out[0] - extra, m
+        if phi[k] <= 0.0:
+            deep[k] = True  # the bounds that order the pairs say nothing about depths
 
 
 @kernel
