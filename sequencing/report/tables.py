@@ -57,8 +57,9 @@ def headline(result: Result) -> str:
     )
     if search["conditional_gap_percent"] is not None:
         text += (
-            f" Conditional gap {number(search['conditional_gap_percent'])} %: it holds only if no "
-            f"unevaluated edge costs less than {search['conditional_factor']:.2f} times its estimate."
+            f" Conditional gap {number(search['conditional_gap_percent'])} %: it holds only if "
+            "no unevaluated edge costs less than "
+            f"{search['conditional_factor']:.2f} times its estimate."
         )
     for entry in result["unreachable"]:
         text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
