@@ -20,6 +20,8 @@ from sequencing.gtsp.state_search import BYTES_A_STATE, search_states
 FIRST_STATES = 200_000
 LARGEST_SETS = 63  # clusters in one 64-bit mask
 ROUNDS = 40
+NG_STEPS, LATER_STEPS = 60, 15
+LARGEST_LAYER = 8_000_000  # states; some minutes at most
 
 
 def bounded_dp(
@@ -36,7 +38,7 @@ def bounded_dp(
     `memory_bytes` allows). The lower bound is proven; it is ≥ min(upper, answer) − tolerance
     where the search was complete.
     """
-    most = memory_bytes // BYTES_A_STATE if states is None else states
+    most = min(LARGEST_LAYER, memory_bytes // BYTES_A_STATE) if states is None else states
     best: np.ndarray | None = None
     bound = math.inf
     multipliers: np.ndarray | None = None
@@ -58,10 +60,12 @@ def _solve_rooted(
     relaxation = Relaxation(rooted, cut, multipliers)
     relaxation.walk_phase()
     limit = FIRST_STATES
+    first = True
     for _ in range(ROUNDS):
         if relaxation.closed:
             return None, cut, relaxation.lam
-        relaxation.ng_phase()
+        relaxation.ng_phase(NG_STEPS if first else LATER_STEPS)
+        first = False
         if relaxation.closed:
             return None, cut, relaxation.lam
         if most == 0 or relaxation.m > LARGEST_SETS:

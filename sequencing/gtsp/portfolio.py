@@ -135,7 +135,7 @@ def _heuristic(
     if method == "memetic":
         offspring = max(2, plan.iterations // 1000)
         members = memetic(
-            arrays, offspring, plan.population, generator, "local", starts=start, goal=goal,
+            arrays, offspring, max(8, plan.population), generator, "local", starts=start, goal=goal,
             report=report,
         )  # fmt: skip
     elif method == "ruin-recreate" or plan.population < 2:

@@ -13,7 +13,7 @@ import numpy as np
 from sequencing.gtsp.rooted import Rooted
 
 WALK_STEPS = 60
-NG_STEPS = 40
+NG_STEPS = 60
 FIRST_MEMORY = 3
 LARGEST_MEMORY = 12
 LARGEST_TABLE = 24_000_000  # states × positions of the ng table (8 bytes each)
@@ -42,6 +42,7 @@ class Relaxation:
         followers = [sum((x >> g) & 1 for x in masks) for g in range(self.m)]
         self.late = np.array([self.m - f for f in followers], dtype=np.int64)
         self.route = np.zeros(self.m, dtype=np.int64)
+        self.phases = 0
         self.memory = self._nearest_memory(FIRST_MEMORY)
         self._index()
 
@@ -70,8 +71,10 @@ class Relaxation:
 
         if self.closed:
             return
+        self.phases += 1
         self._memory_tables()
         path = np.zeros(self.m, dtype=np.int64)
+        top = [-math.inf]
 
         def evaluate(lam: np.ndarray) -> tuple[float, np.ndarray]:
             cost, leave = self._backward(lam)
@@ -79,7 +82,8 @@ class Relaxation:
             if value == math.inf:
                 return math.inf, np.ones(self.m, dtype=np.int64)
             visits = np.bincount(path, minlength=self.m)
-            if value + lam.sum() > self.bound:
+            if value + lam.sum() > top[0]:
+                top[0] = value + lam.sum()
                 self.route = path.copy()
             return value + lam.sum(), visits
 
@@ -90,6 +94,7 @@ class Relaxation:
     def enlarge_memory(self) -> bool:
         """Let clusters remember those the best route came back to; False if nothing grew."""
         grown = False
+        cap = min(FIRST_MEMORY + 1 + self.phases, LARGEST_MEMORY)
         last: dict[int, int] = {}
         loops = []
         for k, cluster in enumerate(self.route):
@@ -99,7 +104,7 @@ class Relaxation:
         for _, begin, end in sorted(loops):
             g = int(self.route[begin])
             inner = [int(h) for h in self.route[begin + 1 : end] if h != g]
-            if any(len(self.memory[h]) >= LARGEST_MEMORY for h in inner if g not in self.memory[h]):
+            if any(len(self.memory[h]) >= cap for h in inner if g not in self.memory[h]):
                 continue
             for h in inner:
                 if g not in self.memory[h]:
