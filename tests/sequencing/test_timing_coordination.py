@@ -20,10 +20,11 @@ from sequencing.timing.swept import swept_path
 from sequencing.timing.verify import check_schedule
 
 LEFT = load_robot("ur10e_class")
-RIGHT = LEFT.with_base(pin.SE3(pin.utils.rotate("z", np.pi), np.array([1.1, 0.0, 0.0])))
+RIGHT = LEFT.with_base(pin.SE3(pin.utils.rotate("z", np.pi), np.array([1.7, 0.0, 0.0])))
 TOOL = (Body("tool", (Shape("box", (0.1, 0.1, 0.2), pose=np.eye(4)),)),)
-LOW = np.array([-0.9, -1.6, -1.2, -1.0, -1.0, -1.0])
-HIGH = np.array([0.9, -0.6, 1.2, 1.0, 1.0, 1.0])
+# The arm at zero points along -x, so q1 near pi turns both towards each other.
+LOW = np.array([2.2, -1.2, -0.9, -1.0, -1.0, -1.0])
+HIGH = np.array([4.0, -0.3, 0.9, 1.0, 1.0, 1.0])
 
 
 def crossing_cell(seed: int, count: int = 1, clearance_m: float = 0.0) -> Cell:
@@ -176,19 +177,17 @@ def test_walk_and_final_check_agree_on_whole_schedules() -> None:
 
 
 def test_final_check_sees_a_collision_between_two_samples() -> None:
-    # A thin plate on the one arm's tool sweeps through a rod on the other within milliseconds.
-    thin = (Body("plate", (Shape("box", (0.002, 0.3, 0.3), pose=np.eye(4)),)),)
-    swing = np.zeros(6)
-    swing[1] = -np.pi / 2
-    a, b = swing.copy(), swing.copy()
-    a[0], b[0] = -1.2, 1.2
-    q = np.zeros(6)
-    q[1] = -0.4
-    left = CellRobot("left", LEFT, thin, (trapezoid_motion(LEFT, a, b),), (LEFT,), ("",), (0.0,))
-    near = LEFT.with_base(pin.SE3(pin.utils.rotate("z", np.pi), np.array([0.5, 0.0, 0.0])))
+    # The left arm, stretched out, sweeps through the upright right arm once within 1.5 s.
+    a, b = np.zeros(6), np.zeros(6)
+    a[0], b[0] = 1.9, 4.4
+    q = np.array([0.0, -np.pi / 2, 0.0, 0.0, 0.0, 0.0])
+    left = CellRobot("left", LEFT, (), (trapezoid_motion(LEFT, a, b),), (LEFT,), ("",), (0.0,))
+    near = LEFT.with_base(pin.SE3(pin.utils.rotate("z", np.pi), np.array([0.9, 0.0, 0.0])))
     hold = trapezoid_motion(near, q, q + np.array([0, 0, 0, 0, 0, 1e-3]))
     right = CellRobot("right", near, (), (hold,), (near,), ("",), (0.0,))
-    cell = Cell("thin", (left, right), (), (), (LinkParams(),), (0, 0), 0.0, 0.0)
+    cell = Cell("sweep", (left, right), (), (), (LinkParams(),), (0, 0), 0.0, 0.0)
+    ends = np.array([0.0, left.trajectories[0].duration_s])
+    assert dense_free(cell, np.zeros(2), np.ones(2), float(ends[1]), samples=2)
     contacts = check_schedule(cell, np.zeros(2), np.ones(2))
     assert any(c.collides for c in contacts)
 

@@ -1,0 +1,167 @@
+"""The pallet-cell study: the paper's Table 2 and Figs. 4 to 6 on our own cell, as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import planning
+from sequencing.timing.cell import Cell, load_cell
+from sequencing.timing.optimise import DEFAULT_SEARCH
+from sequencing.timing.prepared import Geometry, PreparedCell, prepare_cell
+from sequencing.timing.schedule import schedule, schedule_to_dict
+from sequencing.timing.slack import decode_batch, slack_graph
+from sequencing.timing.strategies import fast_timing, make_windows, stretched_timing, window_timing
+from sequencing.timing.timeline import cost_batch
+
+__all__ = ["capacity_sweep", "pallet_cell", "run_pallet_cell_study", "solution_space", "traces"]
+
+
+def pallet_cell() -> Cell:
+    """The authored cell of three robots around one pallet, 39 trajectories each."""
+    return load_cell(Path(planning.__file__).parent / "stations" / "pallet_cell")
+
+
+def run_pallet_cell_study(
+    seed: int = 0,
+    trajectories: int | None = None,
+    capacities_f: Sequence[float] = (1e-3, 3e-3, 6e-3, 12e-3, 30e-3, 100e-3),
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, Any]:
+    """The `--json` object of `dmoc study pallet-cell`.
+
+    `cases` as in `run_schedule`; `paper` the published numbers beside them; `traces` grid and robot
+    powers of one window as in Fig. 5; `capacity` the sweep that tells when matching braking to
+    acceleration pays. `trajectories` keeps only that many of each robot (reduced mode).
+    """
+    cell = (
+        pallet_cell() if trajectories is None else first_trajectories(pallet_cell(), trajectories)
+    )
+    found = schedule(cell, seed, DEFAULT_SEARCH, progress)
+    data = schedule_to_dict(found)
+    data["paper"] = {
+        "source": "DTO paper, Table 2: three smaller arms, 39 trajectories each, 45.585 s",
+        "cases": [
+            {"name": "as-fast-as-possible", "energy_j": 60018.0, "saving_percent": 0.0},
+            {"name": "windows-no-collision", "energy_j": 54461.0, "saving_percent": 9.26},
+            {"name": "windows", "energy_j": 54538.0, "saving_percent": 9.13},
+        ],
+    }
+    if progress is not None:
+        progress("capacity sweep")
+    data["capacity"] = capacity_sweep(cell, seed, capacities_f)
+    return data
+
+
+def first_trajectories(cell: Cell, count: int) -> Cell:
+    """The cell with the first `count` trajectories of each robot, hand-overs among them kept."""
+    robots = tuple(
+        replace(
+            item, trajectories=item.trajectories[:count], loaded=item.loaded[:count],
+            labels=item.labels[:count], pause_s=item.pause_s[:count],
+        )
+        for item in cell.robots
+    )  # fmt: skip
+    kept = replace(cell, robots=robots, handovers=())
+    renumber = []
+    for a, b in cell.handovers:
+        (ra, ka), (rb, kb) = cell.owner(a), cell.owner(b)
+        if ka < count and kb < count:
+            renumber.append((kept.first[ra] + ka, kept.first[rb] + kb))
+    return replace(kept, handovers=tuple(renumber))
+
+
+def capacity_sweep(cell: Cell, seed: int, capacities_f: Sequence[float]) -> list[dict[str, float]]:
+    """Energy of fast, stretched and window-optimised timing against the link's capacitance.
+
+    `matching_percent` is what the optimiser saves beyond stretching: the worth of making braking
+    meet acceleration. Collisions are left out (it is about the link).
+    """
+    rows = []
+    prepared = prepare_cell(cell)
+    windows = make_windows(prepared)
+    for capacitance in capacities_f:
+        links = tuple(replace(link, capacitance_f=capacitance) for link in cell.links)
+        changed = PreparedCell(replace(cell, links=links), prepared.paths, prepared.tables)
+        fast = fast_timing(changed, windows)
+        stretched = stretched_timing(changed, windows, fast.total_s)
+        timings = {"fast_j": fast, "stretched_j": stretched}
+        if windows is not None:
+            timings["optimised_j"] = window_timing(changed, windows, seed, None)
+        row = {
+            name: changed.evaluate(t.start_s, t.override, t.total_s).link_j
+            for name, t in timings.items()
+        }
+        best = row.get("optimised_j", row["stretched_j"])
+        row["capacitance_f"] = float(capacitance)
+        row["saving_percent"] = 100.0 * (1.0 - best / row["fast_j"])
+        row["matching_percent"] = 100.0 * (1.0 - best / row["stretched_j"])
+        rows.append(row)
+    return rows
+
+
+def solution_space(
+    cell: Cell, window: int, robot: int, points: int = 61
+) -> dict[str, np.ndarray | float]:
+    """The paper's Fig. 4: energy over (compression x, delay y) of one robot, NaN where it collides.
+
+    The other robots of the window run at full speed from its start. `override` (points,) and
+    `delay_s` follow from x and y; `energy_j` is (points, points), rows x.
+    """
+    prepared = prepare_cell(cell)
+    windows = make_windows(prepared)
+    if windows is None:
+        raise ValueError("the cell has no windows")
+    numbers = list(windows.numbers[window])
+    length = float(windows.edges_s[window + 1] - windows.edges_s[window])
+    flat = np.array([t for row in cell.durations_s for t in row])[numbers]
+    graph = slack_graph([[t] for t in flat], (), length)
+    axis = np.linspace(0.0, 1.0, points)
+    z = np.zeros((points * points, 2, len(numbers)))
+    z[:, 0, robot] = np.repeat(axis, points)
+    z[:, 1, robot] = np.tile(axis, points)
+    timing = decode_batch(graph, z)
+    geometry = Geometry(cell)
+    geometry.sharpen([(a, b) for k, a in enumerate(numbers) for b in numbers[k + 1 :]])
+    free = geometry.window(numbers, length).free(timing)
+    energy = cost_batch(prepared.window(numbers, length), timing[:, 0], timing[:, 1])
+    shape = (points, points)
+    return {
+        "energy_j": np.where(free, energy, np.nan).reshape(shape),
+        "override": timing[:, 1, robot].reshape(shape),
+        "delay_s": timing[:, 0, robot].reshape(shape),
+        "blocked_share": float(1.0 - free.mean()),
+    }
+
+
+def traces(
+    prepared: PreparedCell, start_s: np.ndarray, override: np.ndarray, total_s: float
+) -> dict[str, np.ndarray]:
+    """Fig. 5: time (K,), grid power (K,), power of each robot (R, K) [W], relative speeds (R, K).
+
+    The relative speed is the sum of absolute joint speeds over the largest value that the slowest
+    robot (the one with the longest trajectory) reaches.
+    """
+    result = prepared.evaluate(start_s, override, total_s, 0.004)
+    power = prepared.robot_power_w(start_s, override, total_s)
+    cell = prepared.cell
+    steps = power.shape[1]
+    t = (np.arange(steps) + 0.5) * total_s / steps
+    speed = np.zeros((len(cell.robots), steps))
+    for number, path in enumerate(prepared.paths):
+        r, _ = cell.owner(number)
+        s = (t - start_s[number]) * override[number]
+        inside = (s > 0) & (s < path.duration_s)
+        total = np.abs(path.velocity_rad_s).sum(axis=1)
+        speed[r, inside] = override[number] * np.interp(s[inside], path.middle_s, total)
+    slowest = int(np.argmax([max(t.duration_s for t in r.trajectories) for r in cell.robots]))
+    return {
+        "t_s": t,
+        "grid_w": result.grid_w,
+        "robot_w": power,
+        "relative_speed": speed / max(float(speed[slowest].max()), 1e-9),
+    }

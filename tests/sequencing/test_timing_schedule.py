@@ -1,0 +1,170 @@
+"""Whole schedules of the pallet cell, cell files, and the promises of every case."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import planning
+from dmoc.errors import InputError
+from sequencing.timing.cell import load_cell
+from sequencing.timing.cell_file import cell_schema
+from sequencing.timing.prepared import prepare_cell
+from sequencing.timing.schedule import schedule, schedule_to_dict
+from sequencing.timing.strategies import make_windows
+from sequencing.timing.study import first_trajectories, pallet_cell, traces
+from sequencing.timing.verify import check_obstacles, check_schedule
+
+CELL_FOLDER = Path(planning.__file__).parent / "stations" / "pallet_cell"
+
+
+@pytest.fixture(scope="module")
+def small():
+    return first_trajectories(pallet_cell(), 4)
+
+
+@pytest.fixture(scope="module")
+def found(small):
+    return schedule(small, seed=1)
+
+
+def case(found, name):
+    return next(c for c in found.cases if c.name == name)
+
+
+def test_the_cell_has_three_robots_with_39_trajectories_each() -> None:
+    cell = pallet_cell()
+    assert [len(r.trajectories) for r in cell.robots] == [39, 39, 39]
+    assert len(cell.handovers) == 38
+
+
+def test_its_paths_keep_clear_of_the_obstacles(small) -> None:
+    assert check_obstacles(small) == []
+
+
+def test_process_time_is_unchanged_and_nothing_is_worse_than_the_start(found) -> None:
+    fast = case(found, "as-fast-as-possible")
+    for item in found.cases:
+        assert item.timing.total_s == pytest.approx(fast.timing.total_s, abs=1e-9)
+    assert case(found, "windows").energy_j <= fast.energy_j
+    assert case(found, "windows").energy_j <= case(found, "stretched").energy_j * 1.001
+    assert case(found, "general").energy_j < case(found, "windows").energy_j
+
+
+def test_the_answer_is_free_of_collisions_in_continuous_time(small, found) -> None:
+    assert str(found.status) == "converged"
+    assert check_schedule(small, found.start_s, found.override) == []
+    for name in ("windows", "general"):
+        assert case(found, name).collisions == 0
+
+
+def test_order_handovers_and_total_time_are_kept_by_every_case(small, found) -> None:
+    flat = np.concatenate(small.durations_s)
+    for item in found.cases:
+        timing = item.timing
+        end = timing.start_s + flat / timing.override
+        assert (timing.override <= 1 + 1e-9).all()
+        assert (end <= timing.total_s + 1e-9).all()
+        for a, b in small.handovers:
+            assert timing.start_s[b] >= end[a] - 1e-9
+        for first, last in zip(small.first, small.first[1:]):
+            assert (timing.start_s[first + 1 : last] >= end[first : last - 1] - 1e-9).all()
+
+
+def test_same_seed_same_schedule(small, found) -> None:
+    again = schedule(small, seed=1)
+    np.testing.assert_array_equal(again.start_s, found.start_s)
+    np.testing.assert_array_equal(again.override, found.override)
+
+
+def test_json_is_plain_and_complete(found) -> None:
+    data = json.loads(json.dumps(schedule_to_dict(found)))
+    wanted = {"name", "energy_j", "saving_percent", "duration_s", "collisions", "cpu_s"}
+    assert all(wanted <= set(item) for item in data["cases"])
+    assert set(data["start_s"]) == {"north", "west", "east"}
+    assert all(len(row) == 4 for row in data["override"].values())
+
+
+def test_grid_power_is_never_negative_and_adds_up(small, found) -> None:
+    assert (found.power_w >= 0).all()
+    prepared = prepare_cell(small)
+    shown = traces(prepared, found.start_s, found.override, case(found, found.best).timing.total_s)
+    assert shown["robot_w"].shape[0] == 3
+    assert shown["relative_speed"].max() <= 1.5
+    stored = shown["robot_w"].sum() - shown["grid_w"].sum()
+    assert stored < 0 or abs(stored) > 0  # both are powers of the same steps
+
+
+def test_separate_links_never_need_less_than_a_common_one(small) -> None:
+    apart = replace(small, links=small.links * 3, link_of=(0, 1, 2))
+    fast = np.ones(small.first[-1])
+    windows = make_windows(prepare_cell(small))
+    start = np.concatenate([windows.edges_s[:-1]] * 3)
+    common = replace(
+        small, links=(replace(small.links[0], capacitance_f=3 * small.links[0].capacitance_f),)
+    )
+    total = float(windows.edges_s[-1])
+    one = prepare_cell(common).evaluate(start, fast, total).link_j
+    three = prepare_cell(apart).evaluate(start, fast, total).link_j
+    assert one <= three + 1e-6
+
+
+def write_cell(folder: Path, change) -> Path:
+    text = (CELL_FOLDER / "cell.yaml").read_text(encoding="utf-8")
+    for name in ("north", "west", "east"):
+        (folder / name).mkdir(exist_ok=True)
+        rows = (CELL_FOLDER / name / "waypoints.csv").read_text(encoding="utf-8")
+        (folder / name / "waypoints.csv").write_text(rows, encoding="utf-8")
+    (folder / "cell.yaml").write_text(change(text), encoding="utf-8")
+    return folder / "cell.yaml"
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda s: s.replace("name: west\n", "name: north\n", 1), "name-twice"),
+        (lambda s: s.replace("north/0,", "north/99,"), "handover"),
+        (lambda s: s.replace("chopper_v: 760.0", "chopper_v: 500.0"), "link-order"),
+        (lambda s: s.replace("trajectories: north", "trajectories: nowhere"), "motions-missing"),
+        (lambda s: s.replace("model: irb6640_class", "model: hal9000", 1), "robot-missing"),
+        (lambda s: s.replace("shared: true", "shared: [[north, west]]"), "link-groups"),
+        (lambda s: s.replace("capacitance_f: 6.0e-3", "capacitance_f: -1"), "value-range"),
+        (lambda s: s + "surprise: 1\n", "field-unknown"),
+    ],
+)
+def test_bad_cells_are_refused_with_a_code(tmp_path, change, code) -> None:
+    with pytest.raises(InputError) as caught:
+        load_cell(write_cell(tmp_path, change))
+    assert code in {fault.code for fault in caught.value.faults}
+    assert all(fault.file for fault in caught.value.faults)
+
+
+def test_several_faults_are_reported_at_once(tmp_path) -> None:
+    def change(text):
+        text = text.replace("trajectories: north", "trajectories: nowhere")
+        return text.replace("model: irb6640_class", "model: hal9000", 1).replace(
+            "chopper_v: 760.0", "chopper_v: 500.0"
+        )
+
+    with pytest.raises(InputError) as caught:
+        load_cell(write_cell(tmp_path, change))
+    assert len(caught.value.faults) >= 2
+
+
+def test_a_jump_between_waypoints_of_an_archive_is_refused(tmp_path) -> None:
+    file = write_cell(tmp_path, lambda s: s)
+    motion = pallet_cell().robots[0].trajectories
+    arrays = {}
+    for k, t in enumerate((motion[0], motion[2])):
+        for name in ("t_s", "q_rad", "velocity_rad_s", "torque_nm"):
+            arrays[f"m{k:03d}/{name}"] = getattr(t, name)
+    (tmp_path / "north" / "waypoints.csv").unlink()
+    np.savez(tmp_path / "north" / "motions.npz", **arrays)
+    with pytest.raises(InputError, match="motions-gap"):
+        load_cell(file)
+
+
+def test_the_schema_is_published() -> None:
+    assert cell_schema()["properties"]["robots"]["maxItems"] == 20
