@@ -15,12 +15,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from dmoc.arrays import Array
 
 __all__ = ["BlendedPath", "blend_corners"]
 
-FreeTest = Callable[[Array], Array]
+FreeTest = Callable[[Array], npt.NDArray[np.bool_]]
 _LEAST_SHARE = 1e-3
 _SMALLEST_STEP_RAD = 1e-9
 

@@ -13,7 +13,7 @@ from dmoc.refinement import RefineParams, refine
 from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.params import Method
 from dmoc.status import Status
-from dmoc.trajectory import JointPath
+from dmoc.trajectory import JointPath, JointTrajectory
 from planning.edge_clearance import EdgeClearance
 from planning.roadmap import PathResult, plan_path
 from planning.world import CollisionWorld
@@ -49,14 +49,17 @@ def plan_motion(
     quality: Quality = "screen",
     method: Method = "halfspaces",
     params: EdgeParams = EdgeParams(),
+    guess: JointTrajectory | None = None,
 ) -> Motion:
     """The certified motion of `problem` in a station, or the reason why there is none.
 
-    The obstacle-free optimum, if it is certified. Else `refine` from the obstacle-free optimum
-    where that penetrates little, then from planned paths between the ends of the departure lines
-    (`problem.depart_rad[-1]`, `problem.arrive_rad[0]`); `method="boxes"` needs the planned paths.
-    If no refined motion is certified, the time-scaled path is (`source="fallback"`).
-    `quality` is `screen` (stops at 1 %) or `final` (stops at 0.3 %). `seed` makes it repeatable.
+    The obstacle-free optimum, if it is certified. Else `refine` from, in this order, `guess` (a
+    motion of the same edge on another grid), the obstacle-free optimum where that penetrates
+    little, and planned paths between the ends of the departure lines (`problem.depart_rad[-1]`,
+    `problem.arrive_rad[0]`); `method="boxes"` needs collision-free seeds and leaves out the second.
+    `quality="screen"` stops at 1 % and takes the first certified motion; `"final"` stops at 0.3 %
+    and takes the cheapest of all seeds. If no refined motion is certified, the time-scaled path is
+    (`source="fallback"`). `seed` makes it repeatable; `world` is the one of `clearance`.
 
     Failures are statuses: `in_collision` (an end, with the pair in `note`), `no_path`,
     `uncertified` (interval and pair in `note`), and what the solver reports.
@@ -70,30 +73,45 @@ def plan_motion(
     free = refine(problem, None, clearance, method="none", params=settings)
     if free.certified or method == "none":
         return free
-    used, last = free.iterations, free
-    if method == "halfspaces" and _is_shallow(free, params.shallow_m):
-        last = refine(problem, free.trajectory, clearance, method=method, params=settings)
-        used += last.iterations
-        if last.certified:
-            return last.replace(iterations=used)
-    paths = []
-    for result in _paths(problem, clearance, seed, params):
-        if result.path is None:
-            if not paths:
-                return _without_path(result)
+    used = free.iterations
+    best, last, paths = None, free, list[JointPath]()
+    for start in _starts(problem, clearance, method, seed, params, free, guess):
+        if isinstance(start, PathResult):
+            if best is None and not paths:
+                last = _without_path(start)
             break
-        paths.append(result.path)
-        last = refine(problem, result.path, clearance, method=method, params=settings)
+        if isinstance(start, JointPath):
+            paths.append(start)
+        last = refine(problem, start, clearance, method=method, params=settings, fallback=False)
         used += last.iterations
-        if last.certified and last.source == "refined":
-            return last.replace(iterations=used)
-    if last.source == "fallback":
-        return last.replace(iterations=used)
-    for path in paths[:-1]:
-        spare = fallback_motion(problem, path, clearance, note=last.note)
-        if spare is not None:
-            return spare.replace(iterations=used)
-    return last.replace(iterations=used)
+        if last.certified and (best is None or last.cost < best.cost):
+            best = last
+        if best is not None and quality == "screen":
+            break
+    for path in () if best is not None else paths:
+        best = fallback_motion(problem, path, clearance, note=last.note)
+        if best is not None:
+            break
+    return (best or last).replace(iterations=used)
+
+
+def _starts(
+    problem: MotionProblem,
+    clearance: EdgeClearance,
+    method: Method,
+    seed: int,
+    params: EdgeParams,
+    free: Motion,
+    guess: JointTrajectory | None,
+) -> Iterator[JointTrajectory | JointPath | PathResult]:
+    """Where refinement may start; a `PathResult` says that no (further) path was found."""
+    if guess is not None:
+        yield guess
+    if method == "halfspaces" and _is_shallow(free, params.shallow_m):
+        assert free.trajectory is not None
+        yield free.trajectory
+    for result in _paths(problem, clearance, seed, params):
+        yield result if result.path is None else result.path
 
 
 def _is_shallow(free: Motion, shallow_m: float) -> bool:

@@ -11,6 +11,7 @@ Source: Björkenstam et al., section 2.4.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from dmoc.arrays import Array
 from dmoc.clearance import Clearance
@@ -29,7 +30,7 @@ def box_half_widths(
     view: View,
     points: Points,
     required: Array,
-    fixed: Array,
+    fixed: npt.NDArray[np.bool_],
     params: RefineParams,
 ) -> Array:
     """Half-widths (N+1, n) [rad] of the boxes around the knots; 0 at fixed knots."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dmoc.blended_path import FreeTest
 from dmoc.clearance import Clearance
 from dmoc.motion import Motion, MotionProblem
 from dmoc.parametrise import TimedPath, time_scale
@@ -12,6 +13,8 @@ from dmoc.status import Status
 from dmoc.trajectory import JointPath
 
 __all__ = ["fallback_motion"]
+
+_BLEND_CLEARANCE_M = 0.005
 
 
 def fallback_motion(
@@ -24,8 +27,8 @@ def fallback_motion(
     optimality or defect; `replay_error_rad` is the error of its interpolant against the path's
     own dynamics and is left to `dmoc.replay_motion`.
     """
-    tests = (
-        lambda q: clearance.phi(q) > 0.005,
+    tests: tuple[FreeTest, ...] = (
+        lambda q: clearance.phi(q) > _BLEND_CLEARANCE_M,
         lambda q: np.zeros(len(q), dtype=bool),
     )
     for is_free in tests:

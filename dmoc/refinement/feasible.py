@@ -13,6 +13,8 @@ tells by how much each demand has to give way.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy import sparse
 from scipy.optimize import linprog
@@ -47,7 +49,9 @@ def yielding(rows: PathRows, wanted: Array, radius: Array) -> Array:
     )
     free = np.flatnonzero(radius.ravel() > 0)
     bound = radius.ravel()[free]
-    result = linprog(
+    # The overloads of scipy's stubs do not know sparse matrices.
+    solve: Any = linprog
+    result = solve(
         np.concatenate([np.zeros(len(free)), np.ones(count)]),
         A_ub=-sparse.hstack([matrix[:, free], sparse.identity(count, format="csr")]).tocsr(),
         b_ub=-wanted,

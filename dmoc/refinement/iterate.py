@@ -73,7 +73,7 @@ class Iterate:
 
     def trajectory(self, problem: MotionProblem) -> JointTrajectory:
         """This iterate as the interpolant that everything downstream uses."""
-        t = self.step_s * np.arange(len(self.q_rad))
+        t = self.step_s * np.arange(len(self.q_rad), dtype=np.float64)
         return JointTrajectory(t, self.q_rad, self.velocity_rad_s, self.torque_nm, problem.robot)
 
 

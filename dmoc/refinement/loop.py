@@ -34,6 +34,7 @@ def refine(
     method: Method = "halfspaces",
     params: RefineParams | None = None,
     trace: Trace | None = None,
+    fallback: bool = True,
 ) -> Motion:
     """Turn a path into a locally optimal motion that is proven free between its knots.
 
@@ -44,7 +45,8 @@ def refine(
 
     Returns a `Motion`: `certified` says what `clearance.certify` said of exactly this trajectory.
     Without a certificate the time-scaled `JointPath`, if that is certified, is returned as
-    `source="fallback"`; else the status is `uncertified` and `note` names interval and pair.
+    `source="fallback"` (unless `fallback` is false); else the status is `uncertified` and `note`
+    names interval and pair.
 
     Errors: `ProblemError` for an unknown method.
     """
@@ -62,7 +64,9 @@ def refine(
         motion = _unconstrained(problem, first, clearance, params)
     else:
         motion = _Loop(problem, clearance, method, params, trace).run(first)
-    if not motion.certified and method != "none" and isinstance(path, JointPath):
+    wanted = fallback and method != "none" and isinstance(path, JointPath)
+    if wanted and not motion.certified:
+        assert isinstance(path, JointPath)
         spare = fallback_motion(problem, path, clearance, note=motion.note)
         if spare is not None:
             return spare

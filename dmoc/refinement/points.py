@@ -12,7 +12,7 @@ from dmoc.clearance import Clearance, Rows
 from dmoc.motion import MotionProblem
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 
-__all__ = ["View", "look", "points_of", "required_clearance"]
+__all__ = ["View", "knots_of", "look", "points_of", "required_clearance"]
 
 # Share of a fixed end's clearance that the points beside it must keep.
 _END_SHARE = 0.9
@@ -80,7 +80,9 @@ def _fixed_knot(problem: MotionProblem, knot: int) -> Array:
     return problem.arrive_rad[knot - (num - len(problem.arrive_rad))]
 
 
-def knots_of(points: Points, offending: npt.NDArray[np.bool_], num_knots: int) -> Array:
+def knots_of(
+    points: Points, offending: npt.NDArray[np.bool_], num_knots: int
+) -> npt.NDArray[np.bool_]:
     """Which knots (N+1,) carry an offending point: both ends of its interval, or its own knot."""
     hit = np.zeros(num_knots, dtype=bool)
     hit[points.interval[offending]] = True
