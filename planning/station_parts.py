@@ -9,11 +9,12 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array
+from dmoc.paths import confined
 from dmoc.robot import Robot, Tool, available_robots, load_robot
 from planning.convex import cover_gap_m, read_pieces, sample_surface
-from planning.decompose import mesh_pieces, split_by_plane
+from planning.decompose import split_by_plane
 from planning.mesh_gate import UNITS, Mesh, load_mesh
-from dmoc.paths import confined
+from planning.piece_cache import cached_pieces
 from planning.shapes import Body, Shape, pose_matrix
 from planning.station_file import ObstacleEntry, PoseEntry, RobotEntry, ShapeEntry, ToolEntry
 
@@ -132,7 +133,7 @@ def _mesh_tool(entry: ToolEntry, folder: Path, tip: Array, refuse: Refuse) -> tu
     bodies = []
     for name, part, touches in (("tool", behind, False), ("tool_tip", front, True)):
         if part is not None:
-            bodies.append(Body(name, mesh_pieces(part), mesh=_mesh_shape(part), touches=touches))
+            bodies.append(Body(name, cached_pieces(part), mesh=_mesh_shape(part), touches=touches))
     return tuple(bodies)
 
 
@@ -169,15 +170,15 @@ def build_obstacle(entry: ObstacleEntry, folder: Path, refuse: Refuse) -> Body |
         return None
     mesh = load_mesh(entry.mesh, folder, entry.unit, field="")
     if entry.pieces is None:
-        pieces = mesh_pieces(mesh)
+        pieces = cached_pieces(mesh)
     else:
         path = confined(entry.pieces, folder, "", "pieces")
         pieces = read_pieces(path, UNITS[entry.unit], "", "pieces")
-        gap = float(cover_gap_m(pieces, sample_surface(mesh, 20_000, seed=0)).max())
-        if gap > COVER_TOLERANCE_M:
-            refuse("pieces-cover", f"a point of the mesh lies {1e3 * gap:.2f} mm outside them",
-                   f"<= {1e3 * COVER_TOLERANCE_M:g} mm",
-                   "enlarge the pieces, or leave pieces out to have them computed",
-                   "pieces")  # fmt: skip
-            return None
+    gap = float(cover_gap_m(pieces, sample_surface(mesh, 20_000, seed=0)).max())
+    if gap > COVER_TOLERANCE_M:
+        refuse("pieces-cover", f"a point of the mesh lies {1e3 * gap:.2f} mm outside them",
+               f"<= {1e3 * COVER_TOLERANCE_M:g} mm",
+               "enlarge the pieces, or leave pieces out to have them computed",
+               "pieces")  # fmt: skip
+        return None
     return Body(entry.name, pieces, mesh=_mesh_shape(mesh), pose=pose)

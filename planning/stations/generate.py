@@ -109,6 +109,30 @@ cost: {{time: 1.0, effort: 1.0e-6, velocity: 1.0}}
 """
 
 
+PROVENANCE = """\
+# Where every number of this station comes from: measured | published: SOURCE | assumed.
+robot: "published: kinematics, limits and speeds; masses, torque limits, armature assumed"
+robot.q_lower_rad: "assumed: dress pack, joints 4 and 6 within 200 degrees"
+robot.mass_scale: "assumed: the heavy variant stands for a 2000 kg class arm"
+tool.shapes: assumed
+tool.mass_kg: assumed
+tool.com_m: assumed
+tool.inertia_kg_m2: "assumed: homogeneous box 0.45 x 0.25 x 0.55 m"
+tool.tip: assumed
+obstacles.underbody: "assumed: own car-like shape, no real part"
+obstacles.clamps: assumed
+obstacles.fixture: assumed
+obstacles.ground: assumed
+studs.position_m: "assumed: own layout"
+studs.weld_time_s: "published: Bjorkenstam et al., section 3 (2 s a weld)"
+studs.depart: "assumed: 3 cm along the normal; upwards where the gun jams"
+spin_steps: "assumed: 12"
+clearance_m: assumed
+home_rad: assumed
+cost: "published: Bjorkenstam et al., section 3 (1, 1e-6, 1)"
+"""
+
+
 def _write_studs(source: Path, target: Path, only: tuple[str, ...] | None) -> None:
     """The layout's studs with the departure direction of those that cannot leave along n."""
     with source.open(newline="", encoding="utf-8") as file:
@@ -139,6 +163,7 @@ def write_stations(folder: Path) -> tuple[Path, ...]:
         target.mkdir(parents=True, exist_ok=True)
         write_binary_stl(target / "underbody.stl", vertices, faces)
         write_pieces(target / "underbody_pieces.obj", underbody.prisms())
+        (target / "provenance.yaml").write_text(PROVENANCE, encoding="utf-8", newline="\n")
         studs = layouts / f"{layout.folder}.csv"
         _write_studs(studs, target / "studs.csv", None)
         suffixes = ["", "_heavy"]
