@@ -12,13 +12,13 @@ from scipy.optimize import minimize
 from dmoc.arrays import Array
 from dmoc.bezier import NUM_CONTROLS, bernstein
 from dmoc.bezier_problem import (
-    LIMIT_SHARE,
     BezierProblem,
     BezierResult,
     Evaluator,
     metric_values,
 )
 from dmoc.bezier_swarm import Forbidden
+from dmoc.curve_cost import LIMIT_SHARE
 
 __all__ = ["Avoid", "DescentParams", "descend_bezier"]
 
@@ -40,10 +40,10 @@ class DescentParams:
     `num_samples` midpoints are enough for a curve of degree six.
     """
 
-    starts: int = 3
-    iterations: int = 80
+    starts: int = 4
+    iterations: int = 70
     smoothing_rad_s: tuple[float, ...] = (0.05, 0.01)
-    spread_rad: float = 0.6
+    spread_rad: float = 0.8
     price: float = 1e4
     price_factor: float = 30.0
     price_rounds: int = 2
@@ -139,7 +139,7 @@ class _Search:
         drawn = self.straight + shares * (x - self.straight)
         free = [y for y in drawn if not self.touches(y)]
         if not free:
-            return None
+            return self._freed(x)
         found = free[0]
         if self.avoid is not None:
             led = self._within_limits(found, self.params.smoothing_rad_s[-1:], True)
@@ -147,6 +147,13 @@ class _Search:
             if not self.touches(led) and self._cost(led) < self._cost(found):
                 found = led
         return self._cost(found), found
+
+    def _freed(self, x: Array) -> tuple[float, Array] | None:
+        """Where the straight line touches, too: pushed out by `avoid` alone, if that frees it."""
+        if self.avoid is None:
+            return None
+        x = self._still(self._repaired(self._within_limits(x, (0.05, 0.01), True)))
+        return None if self.touches(x) else (self._cost(x), x)
 
     def _cost(self, x: Array) -> float:
         return float(self.evaluator.evaluate(x[None]).cost[0])
@@ -209,9 +216,9 @@ class _Search:
             if around and self.avoid is not None:
                 e = self.evaluator
                 extra, slope = self.avoid(e.curves(y))
-                by_points = e.basis[0].T @ slope
-                cost += e.weight * float(np.sum(extra))
-                gradient = gradient + e.weight * by_points[1:-1].ravel()
+                by_points = e.cost.basis[0].T @ slope
+                cost += e.cost.weight * float(np.sum(extra))
+                gradient = gradient + e.cost.weight * by_points[1:-1].ravel()
             return cost, gradient
 
         objective: Any = value

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array, joint_vector
 from dmoc.bezier import NUM_CONTROLS, BezierMotion, bernstein
-from dmoc.chain import Chain, chain_of
+from dmoc.chain import chain_of
+from dmoc.curve_cost import CurveCost, Evaluation
 from dmoc.errors import Fault, ProblemError
-from dmoc.motion_metrics import Metric, MotionState, metric_of
+from dmoc.motion_metrics import MotionState, metric_of
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 
 __all__ = ["BezierProblem", "BezierResult", "Evaluator", "metric_values"]
-
-# The search keeps this share of every limit, because it looks at samples only.
-LIMIT_SHARE = 0.99
 
 
 @dataclass(frozen=True)
@@ -131,105 +128,37 @@ class BezierResult:
     note: str = ""
 
 
-class Evaluation(NamedTuple):
-    """Costs (P,) in the metric and how far samples exceed the limits (P,), 0 where legal."""
-
-    cost: Array
-    excess: Array
-
-
 @dataclass(frozen=True, eq=False)
 class Evaluator:
     """Everything about a problem that does not change during a search."""
 
     problem: BezierProblem
-    metric: Metric = field(init=False)
-    chain: Chain = field(init=False)
-    basis: tuple[Array, ...] = field(init=False)
-    ends: tuple[Array, Array] = field(init=False)
-    weight: float = field(init=False)
+    cost: CurveCost = field(init=False)
 
     def __post_init__(self) -> None:
         p = self.problem
         u = (np.arange(p.num_samples) + 0.5) / p.num_samples
-        basis = tuple(p.duration_s**-k * bernstein(u, NUM_CONTROLS - 1, k) for k in range(4))
-        for name, value in {
-            "metric": metric_of(p.metric, p.robot), "chain": chain_of(p.robot), "basis": basis,
-            "weight": p.duration_s / p.num_samples,
-            "ends": tuple(
-                p.duration_s**-k * bernstein(np.array([0.0, 1.0]), NUM_CONTROLS - 1, k)
-                for k in (1, 2)
-            ),
-        }.items():  # fmt: skip
-            object.__setattr__(self, name, value)
+        scale = [float(p.duration_s**-k) for k in range(4)]
+        q, v, a, jerk = (scale[k] * bernstein(u, NUM_CONTROLS - 1, k) for k in range(4))
+        first, second = (
+            scale[k] * bernstein(np.array([0.0, 1.0]), NUM_CONTROLS - 1, k) for k in (1, 2)
+        )
+        weight = p.duration_s / p.num_samples
+        cost = CurveCost(p.robot, p.metric, (q, v, a, jerk), (first, second), weight)
+        object.__setattr__(self, "cost", cost)
 
     def curves(self, x: Array) -> Array:
         """Sampled q (..., K, n) of search points x (..., 5 n)."""
-        return np.asarray(self.basis[0] @ self.problem.controls(x))
+        return np.asarray(self.cost.basis[0] @ self.problem.controls(x))
 
     def evaluate(self, x: Array, smoothing: float = 0.0) -> Evaluation:
         """Costs and limit excess of search points x (P, 5 n), all at once."""
-        controls = self.problem.controls(x)
-        state, _ = self._state(controls)
-        cost = self.weight * self.metric.rate(state, smoothing).sum(axis=-1)
-        excess = np.zeros(len(cost))
-        for value, limit in self._limited(state):
-            over = np.maximum(np.abs(value) / limit - LIMIT_SHARE, 0.0)
-            excess += over.max(axis=(1, 2))
-        for basis, limit in self._end_limits():
-            over = np.maximum(np.abs(basis @ controls) / limit - LIMIT_SHARE, 0.0)
-            excess += over.max(axis=(1, 2))
-        return Evaluation(cost, excess)
+        return self.cost.evaluate(self.problem.controls(x), smoothing)
 
     def descend(self, x: Array, smoothing: float, price: float) -> tuple[float, Array]:
         """Cost plus `price`·∫Σ excess² of one search point x (5 n,), and its gradient (5 n,)."""
-        controls = self.problem.controls(x)
-        state, q = self._state(controls)
-        pull = self.metric.pull(state, smoothing)
-        value = self.weight * float(pull.rate.sum())
-        by: list[Any] = [pull.velocity, pull.acceleration, pull.jerk, pull.torque]
-        for index, (array, limit) in zip((0, 1, 3), self._limited(state)):
-            over = np.abs(array) / limit - LIMIT_SHARE
-            if over.max() > 0:
-                over = np.maximum(over, 0.0)
-                value += price * self.weight * float(np.sum(over * over))
-                slope = 2.0 * price * over * np.sign(array) / limit
-                by[index] = slope if by[index] is None else by[index] + slope
-        gradient = np.zeros_like(controls)
-        for basis, limit in self._end_limits():
-            array = basis @ controls
-            over = np.maximum(np.abs(array) / limit - LIMIT_SHARE, 0.0)
-            if over.max() > 0:
-                value += price * self.weight * float(np.sum(over * over))
-                gradient += basis.T @ (2.0 * price * over * np.sign(array) / limit)
-        if by[3] is not None:
-            by_q, by_v, by_a = self.chain.pull_back(q, state.velocity, state.acceleration, by[3])
-            gradient += self.basis[0].T @ by_q
-            by[0] = by_v if by[0] is None else by[0] + by_v
-            by[1] = by_a if by[1] is None else by[1] + by_a
-        for basis, part in zip(self.basis[1:], by):
-            if part is not None:
-                gradient += basis.T @ part
-        return value, self.weight * gradient[1:-1].ravel()
-
-    def _state(self, controls: Array) -> tuple[MotionState, Array]:
-        q, v, a = (basis @ controls for basis in self.basis[:3])
-        jerk = a if self.metric.needs_torque else self.basis[3] @ controls
-        return MotionState(v, a, jerk, self.chain.torque_nm(q, v, a)), q
-
-    def _end_limits(self) -> tuple[tuple[Array, Array], ...]:
-        """Velocity and acceleration at both ends, where midpoints do not look."""
-        robot = self.problem.robot
-        limits = (robot.velocity_limit_rad_s, robot.acceleration_limit_rad_s2)
-        return tuple(zip(self.ends, limits))
-
-    def _limited(self, state: MotionState) -> tuple[tuple[Array, Array], ...]:
-        robot = self.problem.robot
-        return (
-            (state.velocity, robot.velocity_limit_rad_s),
-            (state.acceleration, robot.acceleration_limit_rad_s2),
-            (state.torque, robot.torque_limit_nm),
-        )
+        value, gradient = self.cost.descend(self.problem.controls(x), smoothing, price)
+        return value, gradient[1:-1].ravel()
 
 
 def metric_values(
@@ -243,7 +172,7 @@ def metric_values(
     The common fine replay of Bézier motions and of trajectories (whose jerk counts as 0).
     """
     step = float(motion.duration_s / num_samples)
-    t: Array = (np.arange(num_samples) + 0.5) * step
+    t = np.linspace(0.5 * step, motion.duration_s - 0.5 * step, num_samples)
     if isinstance(motion, BezierMotion):
         q, v, a, jerk = (motion.derivative(t, k) for k in range(4))
     else:
