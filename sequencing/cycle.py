@@ -66,7 +66,7 @@ class PlanStop:
 
     def training(self, num_studs: int) -> int:
         """Number of training edges for a station of `num_studs` studs."""
-        return self.training_edges or 40 + 12 * num_studs
+        return self.training_edges or 60 + 12 * num_studs
 
 
 @dataclass(frozen=True)

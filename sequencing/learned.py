@@ -6,18 +6,21 @@ It ranks edges well and scatters by a few percent; its spread on held-out edges 
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.ensemble import GradientBoostingRegressor
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
+from threadpoolctl import threadpool_limits
 
 from dmoc.arrays import Array
 
 __all__ = ["LearnedEstimate", "edge_features", "fit_estimate", "training_pairs"]
-
-MAX_FEATURES = 0.5
 
 
 def edge_features(
@@ -50,14 +53,15 @@ def edge_features(
 class LearnedEstimate:
     """A fitted model and its factor true / predicted on held-out edges (`held_out`, sorted)."""
 
-    model: Any
+    model: Pipeline
     held_out: Array
 
     def predict(self, features: Array, rough_cost: Array) -> Array:
         """Estimated J (K,) of edges with the straight-line cost `rough_cost` (K,)."""
         if len(features) == 0:
             return np.zeros(0)
-        return rough_cost * np.exp(self.model.predict(features))
+        with threadpool_limits(1):  # sums in one order, whatever the machine's BLAS would do
+            return rough_cost * np.exp(self.model.predict(features))
 
     def factor(self, quantile: float) -> float:
         """The quantile of true / predicted on the held-out edges."""
@@ -92,15 +96,24 @@ def fit_estimate(
     Edges without a motion (inf) teach nothing about cost and are left out.
     """
     good = np.isfinite(cost)
-    model = GradientBoostingRegressor(
-        n_estimators=200, max_depth=3, learning_rate=0.06, subsample=0.8,
-        max_features=MAX_FEATURES, min_samples_leaf=3, random_state=seed,
-    )  # fmt: skip
-    model.fit(features[good], np.log(cost[good] / rough_cost[good]))
+    # A rough and a smooth part: obstacles bend the cost on the scale of single edges, the arm's
+    # dynamics on the scale of the workspace.
+    kernel = (
+        ConstantKernel(0.05) * Matern(6.0, (0.5, 100.0), nu=2.5)
+        + ConstantKernel(0.1) * RBF(10.0)
+        + WhiteKernel(1e-4, (1e-6, 1e-2))
+    )
+    model = make_pipeline(
+        StandardScaler(), GaussianProcessRegressor(kernel, normalize_y=True, random_state=seed)
+    )
     held_features, held_rough, held_cost = held
     usable = np.isfinite(held_cost)
     ratio = np.zeros(0)
-    if usable.any():
-        predicted = held_rough[usable] * np.exp(model.predict(held_features[usable]))
-        ratio = np.sort(held_cost[usable] / predicted)
+    with threadpool_limits(1), warnings.catch_warnings():
+        # A length scale at the end of its range is no fault: the spread is measured anyway.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        model.fit(features[good], np.log(cost[good] / rough_cost[good]))
+        if usable.any():
+            predicted = held_rough[usable] * np.exp(model.predict(held_features[usable]))
+            ratio = np.sort(held_cost[usable] / predicted)
     return LearnedEstimate(model, ratio)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from planning.check import check_station
 from planning.init_station import init_station
+from planning.station import available_stations, demo_station
 from sequencing.commands.console import Console, Outcome, plain
 
 __all__ = ["run_check", "run_init"]
@@ -14,7 +15,8 @@ __all__ = ["run_check", "run_init"]
 
 def run_check(console: Console, station: str, out: Path | None) -> Outcome:
     """Alternatives per stud, or the reasons why there are none; exit 3 if a stud has none."""
-    data = check_station(station)
+    path = demo_station(station).source if station in available_stations() else station
+    data = check_station(path)
     studs = data["studs"]
     console.show(f"{station}: {len(studs)} studs")
     for row in studs:

@@ -1,0 +1,36 @@
+"""`dmoc schedule`: when the robots of a cell move, and how fast."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from dmoc.status import Status
+from sequencing.commands.console import Console, Outcome, plain
+from sequencing.report.tables import markdown_table, number
+from sequencing.timing import run_schedule
+
+__all__ = ["cases_table", "run_schedule_command"]
+
+
+def run_schedule_command(console: Console, cell: str, seed: int, out: Path | None) -> Outcome:
+    """Baselines and optimised timings of a cell.yaml; exit 3 where every timing collides."""
+    data = run_schedule(cell, seed, progress=console.say)
+    console.show(cases_table(data["cases"]))
+    console.show(f"best: {data['best']}, {number(data['energy_j'])} J")
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "schedule.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    return Outcome(data, 0 if data["status"] == Status.CONVERGED else 3)
+
+
+def cases_table(cases: list[dict[str, Any]]) -> str:
+    """The cases of a schedule as a markdown table."""
+    rows = [
+        [case["name"], number(case["energy_j"]), number(case["saving_percent"], 2),
+         number(case["duration_s"], 2), str(case["collisions"]), number(case["cpu_s"], 2)]
+        for case in cases
+    ]  # fmt: skip
+    header = ("case", "energy J", "saving %", "duration s", "collisions", "CPU s")
+    return markdown_table(header, rows)
