@@ -58,11 +58,11 @@ LINKS = (
     ),
     LinkSpec(
         "link_5", 1.98, (0, -0.018, -0.11285), box_inertia(1.98, 0.1, 0.11, 0.12),
-        (Solid("cylinder", (0.05, 0.11), (0, 0, -0.115), "z", "light"),
-         Solid("cylinder", (0.05, 0.08), (0, -0.02, -0.11985), "y", "light")),
+        (Solid("cylinder", (0.045, 0.11), (0, 0, -0.115), "z", "light"),
+         Solid("cylinder", (0.045, 0.06), (0, -0.01, -0.11985), "y", "light")),
     ),
     LinkSpec(
         "link_6", 0.615, (0, 0.026, 0), box_inertia(0.615, 0.09, 0.05, 0.09),
-        (Solid("cylinder", (0.045, 0.04), (0, 0.025, 0), "y", "dark"),),
+        (Solid("cylinder", (0.045, 0.06), (0, 0.03, 0), "y", "dark"),),
     ),
 )  # fmt: skip
