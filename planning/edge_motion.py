@@ -18,7 +18,7 @@ from planning.edge_clearance import EdgeClearance
 from planning.roadmap import PathResult, plan_path
 from planning.world import CollisionWorld
 
-__all__ = ["EdgeParams", "plan_motion"]
+__all__ = ["EdgeParams", "plan_motion", "seed_paths"]
 
 Quality = Literal["screen", "final"]
 
@@ -59,14 +59,16 @@ def plan_motion(
     `problem.arrive_rad[0]`); `method="boxes"` needs collision-free seeds and leaves out the second.
     `quality="screen"` stops at 1 % and takes the first certified motion; `"final"` stops at 0.3 %
     and takes the cheapest of all seeds. If no refined motion is certified, the time-scaled path is
-    (`source="fallback"`). `seed` makes it repeatable; `world` is the one of `clearance`.
+    (`source="fallback"`). `seed` makes it repeatable; `world` is the one of `clearance`, and its
+    `clearance_m` is the demanded d_c.
 
     Failures are statuses: `in_collision` (an end, with the pair in `note`), `no_path`,
     `uncertified` (interval and pair in `note`), and what the solver reports.
     """
-    settings = params.refine or (
-        RefineParams.screening() if quality == "screen" else RefineParams()
-    )
+    settings = params.refine
+    if settings is None:
+        settings = RefineParams.screening() if quality == "screen" else RefineParams()
+        settings = settings.replace(clearance_m=world.clearance_m)
     blocked = _ends_in_collision(problem, clearance)
     if blocked is not None:
         return blocked
@@ -110,7 +112,7 @@ def _starts(
     if method == "halfspaces" and _is_shallow(free, params.shallow_m):
         assert free.trajectory is not None
         yield free.trajectory
-    for result in _paths(problem, clearance, seed, params):
+    for result in seed_paths(problem, clearance, seed, params):
         yield result if result.path is None else result.path
 
 
@@ -130,7 +132,7 @@ def _ends_in_collision(problem: MotionProblem, clearance: EdgeClearance) -> Moti
     return None
 
 
-def _paths(
+def seed_paths(
     problem: MotionProblem, clearance: EdgeClearance, seed: int, params: EdgeParams
 ) -> Iterator[PathResult]:
     """Planned paths between the inner ends of the departure lines, with the lines added."""
