@@ -1,4 +1,4 @@
-"""One movement of the UR3 study in one metric: swarm, gradient and what both leave of the limits."""
+"""One movement of the UR3 study in one metric: swarm, gradient, and what they leave of limits."""
 
 from __future__ import annotations
 
