@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from sequencing.report.tables import markdown_table, number
 from sequencing.run_files import Run
 
-__all__ = ["compare_runs"]
+__all__ = ["compare_runs", "comparison_text"]
 
 
 def compare_runs(a: Run, b: Run) -> dict[str, Any]:
@@ -44,6 +45,41 @@ def compare_runs(a: Run, b: Run) -> dict[str, Any]:
         "motions": motions,
         "max_joint_deviation_rad": max(deviations, default=None),
     }
+
+
+def comparison_text(report: dict[str, Any]) -> str:
+    """`compare_runs` as Markdown: what is equal, the figures side by side, the motions."""
+    if report["identical"]:
+        return "The runs are identical."
+    changed = [*report["inputs"], *(f"version of {name}" for name in report["versions"])]
+    lines = [f"Changed: {', '.join(changed) or 'no input and no version'}."]
+    lines.append(
+        f"Same order: {_yes(report['same_order'])}; same poses: {_yes(report['same_poses'])}."
+    )
+    for name, order in zip(("a", "b"), report["order"]):
+        lines.append(f"Order {name}: {' → '.join(order)}")
+    lines += [
+        f"Stud {item['stud']}: alternative {item['a']} in a, {item['b']} in b"
+        for item in report["moved_poses"]
+    ]
+    rows = [[key, *_cells(value)] for key, value in report["cost"].items()]
+    rows.append(["duration s", *_cells(report["duration_s"])])
+    rows += [
+        [f"J {item['from']} → {item['to']}", *_cells(item["cost"])]
+        for item in report["motions"]["common"]
+    ]
+    rows += [[f"only in a: {name}", "", "", ""] for name in report["motions"]["only_a"]]
+    rows += [[f"only in b: {name}", "", "", ""] for name in report["motions"]["only_b"]]
+    table = markdown_table(["", report["a"], report["b"], "change %"], rows)
+    return "\n\n".join([*lines, table])
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def _cells(pair: dict[str, float | None]) -> list[str]:
+    return [number(pair["a"], 2), number(pair["b"], 2), number(pair["change_percent"], 1)]
 
 
 def _pair(before: float, after: float) -> dict[str, float | None]:

@@ -10,7 +10,7 @@ from dmoc.errors import Fault, InputError
 from sequencing.export.checks import check_exportable
 from sequencing.export.krl import krl_program
 from sequencing.export.rapid import rapid_program
-from sequencing.export.ros import ros_files
+from sequencing.export.ros import ROS_STATEMENT, ros_files
 from sequencing.export.rtde import csv_log, rtde_log
 from sequencing.export.urscript import urscript_program
 from sequencing.export.wording import POINT_TO_POINT, STREAMED
@@ -67,6 +67,7 @@ def _krl(run: Run, step_s: float | None) -> Texts:
 _WRITERS: dict[str, Callable[[Run, float | None], Texts]] = {
     "csv": _csv, "krl": _krl, "rapid": _rapid, "ros": _ros, "rtde": _rtde, "urscript": _urscript,
 }  # fmt: skip
+_STATEMENTS = {"krl": POINT_TO_POINT, "rapid": POINT_TO_POINT, "ros": ROS_STATEMENT}
 EXPORT_FORMATS = tuple(sorted(_WRITERS))
 
 
@@ -97,7 +98,7 @@ def export_run(run: Run, format: str, out: Path | str, step_s: float | None = No
     for name, text in files.items():
         paths.append(Path(out) / name)
         write_atomic(paths[-1], text)
-    statement = POINT_TO_POINT if deviation is None else STREAMED
+    statement = _STATEMENTS.get(format, STREAMED)
     return Export(format, tuple(paths), statement, deviation)
 
 

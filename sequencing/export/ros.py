@@ -11,9 +11,9 @@ from sequencing.run_archive import json_text
 from sequencing.run_csv import motion_file_name
 from sequencing.run_files import Run
 
-__all__ = ["ros_files"]
+__all__ = ["ROS_STATEMENT", "ros_files"]
 
-_STATEMENT = (
+ROS_STATEMENT = (
     "Points carry positions and velocities and no accelerations, so that a controller with cubic "
     "splines follows the planned curve exactly. Point-to-point execution of the same points does "
     "not preserve the torque timing."
@@ -23,7 +23,7 @@ _STATEMENT = (
 def ros_files(run: Run) -> dict[str, str]:
     """File name → text: every motion, and `cycle.json` with the order of motions and welds."""
     files, order = {}, []
-    head = header_lines(run, _STATEMENT)
+    head = header_lines(run, ROS_STATEMENT)
     for step in steps(run):
         if isinstance(step, Weld):
             order.append({"weld": step.stud, "hold_s": step.time_s})

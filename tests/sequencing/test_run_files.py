@@ -12,7 +12,7 @@ from sample_cycle import quintic, sample_cycle
 from dmoc.cost import Cost
 from dmoc.errors import InputError
 from sequencing.run_archive import json_text, npz_bytes, write_atomic
-from sequencing.run_compare import compare_runs
+from sequencing.run_compare import compare_runs, comparison_text
 from sequencing.run_files import read_run, write_run
 from sequencing.run_shares import cost_shares
 from sequencing.run_station import station_of
@@ -217,6 +217,10 @@ def test_comparing_runs_names_what_differs(tmp_path):
     assert report["duration_s"]["b"] - report["duration_s"]["a"] == pytest.approx(0.5)
     assert report["motions"]["common"][1]["cost"]["b"] == 99.0
     json_text(report)
+    text = comparison_text(report)
+    assert "Stud S1: alternative 1 in a, 4 in b" in text
+    assert "| J S1 → S3 |" in text
+    assert comparison_text(compare_runs(first, first)) == "The runs are identical."
 
 
 def test_a_station_that_is_gone_is_a_coded_error(tmp_path):
