@@ -79,7 +79,7 @@ def _solve_rooted(
                 return None, cut, relaxation.lam
             total = _rooted_cost(rooted, nodes)
             return nodes, total, relaxation.lam
-        if not grown:
+        if not grown or limit >= most:
             break
         limit *= 3
     return None, min(relaxation.bound, cut), relaxation.lam

@@ -13,7 +13,7 @@ from sequencing.gtsp.bounded_dp import bounded_dp
 from sequencing.gtsp.held_karp import held_karp, table_bytes
 from sequencing.gtsp.normal_form import NormalForm, normal_form
 from sequencing.gtsp.plan import Plan
-from sequencing.gtsp.pool import diverse
+from sequencing.gtsp.pool import diverse, travels
 from sequencing.gtsp.problem import GtspProblem, Tour, as_tours
 from sequencing.gtsp.stop import EFFORTS, Callback, Incumbent, Stop
 
@@ -22,6 +22,7 @@ __all__ = ["solve"]
 METHODS = ("auto", "heuristic", "exact", "held-karp", "memetic", "ruin-recreate")
 PROOF_TOLERANCE = 1e-7
 SMALL_TABLE_BYTES = 4 << 20  # Held–Karp takes milliseconds
+AVOID = 0.3  # of a mean travel: what it costs a tour of the pool to repeat one
 
 
 def solve(
@@ -79,7 +80,7 @@ def solve(
     name = method if method in ("memetic", "ruin-recreate") else "memetic ruin-and-recreate"
     tour = finish(problem, form, nodes, -math.inf, name)
     if pool > 1 and tour.found:
-        return replace(tour, pool=diverse(problem, found, pool))
+        return replace(tour, pool=_pool(problem, found, pool, seed))
     return tour
 
 
@@ -153,6 +154,29 @@ def _heuristic(
     tours += [form.lift(nodes) for nodes in start]  # never worse than what was given
     good = [(admissible_cost(problem, nodes), nodes) for nodes in tours]
     return [nodes for cost, nodes in sorted(good) if math.isfinite(cost)]
+
+
+def _pool(
+    problem: GtspProblem, found: list[tuple[int, ...]], count: int, seed: int
+) -> tuple[tuple[int, ...], ...]:
+    """Diverse tours: those found, then tours that avoid the travels of the earlier ones."""
+    chosen = diverse(problem, found, count)
+    cost = problem.cost.copy()
+    raised: set[tuple[int, int]] = set()
+    while len(chosen) < count:
+        for nodes in chosen:
+            new = travels(problem, nodes) - raised
+            step = AVOID * problem.tour_magnitude(nodes) / max(len(nodes), 1)
+            for u, v in new:
+                cost[u, v] += step
+            raised |= new
+        stop = Stop(iterations=1000 + 200 * problem.num_clusters)
+        other = solve(problem.replace(cost=cost), stop, seed, method="ruin-recreate")
+        more = diverse(problem, [*chosen, other.nodes], count)
+        if not other.found or len(more) == len(chosen):
+            break
+        chosen = more
+    return chosen
 
 
 def _one_cluster(problem: GtspProblem, form: NormalForm) -> Tour:
