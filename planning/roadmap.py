@@ -53,9 +53,9 @@ def plan_path(
     seed: int,
     inflation_m: float = 0.02,
     max_iterations: int = 2000,
-    attempts: int = 4,
+    attempts: int = 6,
     shortcut_tries: int = 80,
-    step_m: float = 0.1,
+    step_m: float = 0.07,
 ) -> PathResult:
     """A path from start to goal (n,) on which all bodies stay farther apart than proven.
 
@@ -63,11 +63,11 @@ def plan_path(
     `inflation_m` (a quarter of it between bodies of the robot itself, whose neighbours are always
     near), then shortcuts. A pair that is nearer than that at an end is grown by 0.8 of its
     distance there, so that narrow ends stay reachable. Every segment of the result is proven free
-    (by more than the clearance's tracking error, see `planning.certificate`). Where there is no
-    path or its proof fails, the next attempt checks twice as finely with half the growth. Stops
-    by iterations: each attempt has `max_iterations` of the planner. `step_m` is how far a typical
-    robot point may move between two checked points of the first attempt. Joint coordinates are
-    scaled by the joints' mean reach, so that the planner's metric is in metres.
+    (by more than the clearance's tracking error, see `planning.certificate`). After a failed proof
+    the next attempt checks twice as finely, after a vain search it grows bodies half as much.
+    Stops by iterations: each attempt has `max_iterations` of the planner. `step_m` is how far a
+    typical robot point may move between two checked points of the first attempt. Joint
+    coordinates are scaled by the joints' mean reach, so that the planner's metric is in metres.
     """
     edge = clearance if isinstance(clearance, EdgeClearance) else clearance.clearance()
     world = edge.world
@@ -88,8 +88,7 @@ def plan_path(
     growth = _growth(edge, np.stack([start, goal]), inflation_m)
     iterations = checks = 0
     for attempt in range(attempts):
-        scope = edge.scope.grown(growth * 0.5**attempt)
-        search = _Search(edge, scope, step_m * 0.5**attempt)
+        search = _Search(edge, edge.scope.grown(growth), step_m)
         found = search.run(start, goal, seed + attempt, max_iterations)
         iterations += search.iterations
         if found is not None:
@@ -103,8 +102,10 @@ def plan_path(
                     return PathResult(
                         Status.CONVERGED, JointPath(path), iterations=iterations, checks=checks
                     )
+            step_m *= 0.5
         else:
             checks += search.checks
+            growth *= 0.5
     note = f"no path within {attempts} attempts of {max_iterations} iterations"
     return PathResult(Status.NO_PATH, None, None, note, iterations, checks)
 

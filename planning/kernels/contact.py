@@ -60,7 +60,7 @@ def first_contacts(
         )  # fmt: skip
 
 
-CHUNK = 8
+CHUNK = 16
 
 
 @kernel
@@ -108,14 +108,28 @@ def _chosen_contact(
 
 
 @kernel
+def _halving(at: int, total: int) -> int:
+    """0 … total (a power of two) in the order total, 0, total/2, total/4, 3 total/4, …"""
+    if at == 0:
+        return total
+    if at == 1:
+        return 0
+    level = 1
+    while 2 * level <= at - 1:
+        level *= 2
+    # `level` points lie at odd multiples of total / (2 level).
+    return total // (2 * level) * (2 * (at - 1 - level) + 1)
+
+
+@kernel
 def segment_contact(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q0: Any, q1: Any, parts: int,
     inflation: float, tip: Any, lines: Any, exempt: Any,
 ) -> int:  # fmt: skip
     """A touching pair on the segment, at its ends and at least parts − 1 inner points, or −1.
 
-    Long segments are looked at coarsely first, then in chunks of eight points; in a chunk only
-    the pairs that its motion can bring together are tested.
+    Long segments are looked at coarsely first, then in chunks of sixteen parts; in a chunk only
+    the pairs that its motion can bring together are tested, ends first and then by halving.
     """
     n, count = q0.shape[0], pairs.piece.shape[0]
     joints = np.empty((chain.info.shape[0], 15))
@@ -123,48 +137,45 @@ def segment_contact(
     inside = np.zeros(lines.shape[0], dtype=np.bool_)
     q, delta = np.empty(n), np.empty(n)
     chunks = max(1, (parts + CHUNK - 1) // CHUNK)
-    # Ends of the chunks, the last one first: planners extend towards q1.
     for k in range(chunks, -1, -1):
-        t = k / chunks
+        if chunks == 1:
+            break
         for j in range(n):
-            q[j] = q0[j] + t * (q1[j] - q0[j])
+            q[j] = q0[j] + k / chunks * (q1[j] - q0[j])
         hit = _contact(
             chain, solids, pairs, pose, moving, q, inflation, tip, lines, exempt, joints, inside,
             axis, s, out,
         )  # fmt: skip
         if hit >= 0:
             return hit
-    if parts <= 1:
-        return -1
     reach = np.zeros((pose.shape[0], n))
     chosen = np.empty(count, dtype=np.int64)
+    # Points of a chunk: its ends (of a short segment only), then halves, quarters, …
+    total = 1
+    while total * chunks < parts:
+        total *= 2
     for j in range(n):
         delta[j] = abs(q1[j] - q0[j]) * (0.5 / chunks)
-    order = (4, 2, 6, 1, 3, 5, 7)
-    if parts < 4:
-        order = (4, 0, 0, 0, 0, 0, 0)
-    elif parts < 8 and chunks == 1:
-        order = (4, 2, 6, 0, 0, 0, 0)
     for c in range(chunks):
-        found = 0
-        axes = np.zeros((0, 3))
-        for step in order:
-            if step == 0:
-                break
-            t = (c + step / CHUNK) / chunks
-            for j in range(n):
-                q[j] = q0[j] + t * (q1[j] - q0[j])
-            joint_poses(chain.info, chain.frame, q, joints)
-            place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
-            inside_tubes(joints, tip, lines, inside)
-            if step == 4:
-                found = _near_chunk(
-                    chain, solids, pairs, pose, moving, joints, delta, inflation, reach, chosen
+        for j in range(n):
+            q[j] = q0[j] + (c + 0.5) / chunks * (q1[j] - q0[j])
+        joint_poses(chain.info, chain.frame, q, joints)
+        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+        found = _near_chunk(
+            chain, solids, pairs, pose, moving, joints, delta, inflation, reach, chosen
+        )
+        axes = np.zeros((found, 3))
+        for at in range(total + 1):
+            k = _halving(at, total)
+            if chunks == 1 or 0 < k < total:
+                for j in range(n):
+                    q[j] = q0[j] + (c + k / total) / chunks * (q1[j] - q0[j])
+                joint_poses(chain.info, chain.frame, q, joints)
+                place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+                inside_tubes(joints, tip, lines, inside)
+                hit = _chosen_contact(
+                    solids, pairs, pose, chosen, found, inflation, exempt, inside, axes, s, out
                 )
-                axes = np.zeros((found, 3))
-            hit = _chosen_contact(
-                solids, pairs, pose, chosen, found, inflation, exempt, inside, axes, s, out
-            )
-            if hit >= 0:
-                return hit
+                if hit >= 0:
+                    return hit
     return -1
