@@ -19,7 +19,7 @@ class Plan:
     def of(clusters: int, effort: str, iterations: int | None) -> Plan:
         """The plan for a problem; `iterations` overrides what the effort says."""
         if iterations is None:
-            normal = min(40_000 + 400 * clusters if clusters <= 60 else 5000 * clusters, 1_200_000)
+            normal = 60_000 + 1500 * clusters if clusters <= 60 else min(5000 * clusters, 1_200_000)
             factor = {"quick": QUICK, "normal": 1.0, "thorough": THOROUGH}[effort]
             iterations = int(normal * factor)
         child = 1500 if clusters <= 60 else 2000

@@ -190,4 +190,4 @@ def test_undirected_graph_counts_both_ways():
     problem, labels = problem_from_graph(graph)
     tour = solve(problem)
     assert tour.cost == 7.0
-    assert [labels[v] for v in tour.nodes][0] == "a"
+    assert labels[tour.nodes[0]] == "a"
