@@ -1,0 +1,160 @@
+"""One edge of a station: free, around obstacles, by boxes, refused, without a path."""
+
+import numpy as np
+import pytest
+
+from dmoc.motion import MotionProblem
+from dmoc.refinement import RefineParams
+from dmoc.status import Status
+from planning import CollisionWorld, alternatives, demo_station
+from planning.alternative import weld_line
+from planning.departure import departure_fractions, line_through, num_line_knots, with_departure
+from planning.departure_line import line_stray_m
+from planning.edge_motion import EdgeParams, plan_motion
+
+
+@pytest.fixture(scope="module")
+def cell():
+    station = demo_station("stud_welding_a_8")
+    world = CollisionWorld(station)
+    return station, world, {s.stud.id: s for s in alternatives(station, world)}
+
+
+def edge(cell, start, goal, num_intervals=20):
+    """Problem and clearance between two (stud, index)."""
+    station, world, table = cell
+    a, b = (table[stud].alternatives[index] for stud, index in (start, goal))
+    problem = with_departure(
+        MotionProblem(station.robot, a.q_rad, b.q_rad, station.cost, num_intervals),
+        line_through(a.line_rad), line_through(b.line_rad),
+    )  # fmt: skip
+    lines = [weld_line(station, table[stud].stud) for stud, _ in (start, goal)]
+    return problem, world.clearance(*lines), lines
+
+
+def first_edges(cell, wanted, count):
+    """The first edges whose obstacle-free optimum is certified, or is not."""
+    studs, found = sorted(cell[2]), []
+    for k in range(60):
+        start, goal = (studs[k % len(studs)], k // 3), (studs[(3 * k + 2) % len(studs)], k // 2)
+        if start[0] == goal[0] or any(
+            index >= len(cell[2][stud].alternatives) for stud, index in (start, goal)
+        ):
+            continue
+        problem, clearance, _ = edge(cell, start, goal)
+        free = plan_motion(problem, clearance, cell[1], seed=0, method="none")
+        if free.certified is wanted:
+            found.append((start, goal, free))
+        if len(found) == count:
+            return found
+    raise AssertionError("the station holds too few such edges")
+
+
+@pytest.fixture(scope="module")
+def hard(cell):
+    return first_edges(cell, False, 3)
+
+
+def second_opinion(cell, motion, lines):
+    """Smallest distance every 5 ms by the other engine, departure exemptions applied."""
+    other = CollisionWorld(cell[0], engine="coal").clearance(*lines)
+    times = np.arange(0.0, motion.duration_s, 0.005)
+    return float(other.phi(motion.trajectory.sample(times).q_rad).min())
+
+
+def test_line_knots_follow_the_grid():
+    assert num_line_knots(20) == 1
+    assert num_line_knots(40) == 2
+    assert num_line_knots(8) == 1
+    np.testing.assert_allclose(departure_fractions(1), [1.0])
+    np.testing.assert_allclose(departure_fractions(2), [0.25, 1.0])
+
+
+def test_a_free_edge_is_its_obstacle_free_optimum(cell):
+    start, goal, free = first_edges(cell, True, 1)[0]
+    problem, clearance, _ = edge(cell, start, goal)
+    motion = plan_motion(problem, clearance, cell[1], seed=0)
+    assert motion.cost == free.cost
+    assert motion.certified
+    assert motion.source == "refined"
+
+
+def test_blocked_edges_end_certified_with_a_small_defect(cell, hard):
+    for start, goal, free in hard:
+        problem, clearance, lines = edge(cell, start, goal)
+        motion = plan_motion(problem, clearance, cell[1], seed=1)
+        assert motion.certified, motion.note
+        assert motion.status.ok
+        assert motion.source == "refined"
+        assert motion.max_defect <= 1e-6
+        assert motion.cost > 0.98 * free.cost
+        assert second_opinion(cell, motion, lines) > 0
+        np.testing.assert_allclose(motion.trajectory.q_rad[1], problem.depart_rad[0], atol=1e-8)
+        times = np.linspace(0, motion.duration_s, 800)
+        tips = cell[1].tip_positions(motion.trajectory.sample(times).q_rad)
+        assert line_stray_m(lines[0], tips) < cell[0].stray_m
+        assert line_stray_m(lines[1], tips[::-1]) < cell[0].stray_m
+
+
+def test_same_seed_same_motion_and_a_finer_grid_agrees(cell, hard):
+    start, goal, _ = hard[0]
+    problem, clearance, _ = edge(cell, start, goal)
+    one = plan_motion(problem, clearance, cell[1], seed=5)
+    two = plan_motion(problem, clearance, cell[1], seed=5)
+    np.testing.assert_array_equal(one.trajectory.q_rad, two.trajectory.q_rad)
+    fine, clearance, _ = edge(cell, start, goal, num_intervals=40)
+    final = plan_motion(
+        fine, clearance, cell[1], seed=5, quality="final", guess=one.trajectory
+    )  # fmt: skip
+    assert final.certified
+    assert final.max_defect <= 1e-6
+    assert final.cost == pytest.approx(one.cost, rel=0.04)
+
+
+def test_boxes_end_certified(cell, hard):
+    """The published formulation, with sub-points and repair."""
+    start, goal, free = hard[0]
+    problem, clearance, lines = edge(cell, start, goal)
+    motion = plan_motion(
+        problem, clearance, cell[1], seed=1, method="boxes", params=EdgeParams(num_paths=1)
+    )  # fmt: skip
+    assert motion.certified, motion.note
+    assert motion.source == "refined"
+    assert motion.cost > 0.98 * free.cost
+    assert second_opinion(cell, motion, lines) > 0
+
+
+def test_fallback_where_refinement_may_do_nothing(cell, hard):
+    start, goal, _ = hard[0]
+    problem, clearance, lines = edge(cell, start, goal)
+    idle = RefineParams(max_outer=0, trust_rad=1e-6, repair_rounds=0)
+    motion = plan_motion(
+        problem, clearance, cell[1], seed=1, params=EdgeParams(num_paths=1, refine=idle)
+    )  # fmt: skip
+    assert motion.source == "fallback"
+    assert motion.certified
+    assert motion.max_defect is None
+    assert second_opinion(cell, motion, lines) > 0
+
+
+def test_an_end_in_collision_is_named(cell, hard):
+    start, goal, _ = hard[0]
+    problem, clearance, _ = edge(cell, start, goal)
+    inside = problem.goal_rad.copy()
+    inside[1] += 0.35
+    blocked = problem.replace(goal_rad=inside, arrive_rad=None)
+    motion = plan_motion(blocked, clearance, cell[1], seed=0)
+    assert motion.status is Status.IN_COLLISION
+    assert motion.trajectory is None
+    assert motion.note.startswith("goal: ")
+
+
+def test_no_path_is_a_status(cell, hard):
+    start, goal, _ = hard[0]
+    problem, clearance, _ = edge(cell, start, goal)
+    tiny = EdgeParams(max_iterations=1, shallow_m=0.0)
+    motion = plan_motion(problem, clearance, cell[1], seed=0, params=tiny)
+    assert motion.status in (Status.NO_PATH, Status.CONVERGED)
+    if motion.status is Status.NO_PATH:
+        assert motion.trajectory is None
+        assert "attempts" in motion.note
