@@ -1,0 +1,340 @@
+"""Timing on the pallet cell: cost of an evaluation, of a collision check, and the peers' energies.
+
+    python -m benchmarks.timing            # all tables
+    python -m benchmarks.timing windows    # one of: evaluation, collision, windows, whole, grid
+
+Peers (cma, pyswarms) are skipped where they are not installed. All solve the same window, over the
+same box, with the same objective (collision = +inf, as a large number where a peer needs one).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import differential_evolution
+from scipy.optimize import minimize as scipy_minimize
+
+from benchmarks.timing_common import save_table
+from dmoc.swarm import SwarmParams, minimise
+from sequencing.timing.optimise import SearchParams, optimise_timing
+from sequencing.timing.path_power import exact_power_w
+from sequencing.timing.prepared import Geometry, prepare_cell
+from sequencing.timing.slack import decode_batch, slack_graph
+from sequencing.timing.strategies import (
+    fast_timing,
+    general_timing,
+    make_windows,
+    stretched_timing,
+    window_timing,
+)
+from sequencing.timing.study import pallet_cell
+from sequencing.timing.timeline import cost, cost_and_gradient, cost_batch
+
+SEEDS = range(10)
+PENALTY = 1e7
+
+
+def cpu_us(run: Callable[[], object], repeats: int) -> float:
+    """Median CPU time of five rounds of `repeats` calls [us per call]."""
+    run()
+    rounds = []
+    for _ in range(5):
+        start = time.process_time()
+        for _ in range(repeats):
+            run()
+        rounds.append((time.process_time() - start) / repeats * 1e6)
+    return float(np.median(rounds))
+
+
+class Window:
+    """One window of the pallet cell as a black-box problem over z in [0, 1]^4."""
+
+    def __init__(self, prepared, windows, geometry: Geometry | None, index: int) -> None:
+        self.numbers = list(windows.numbers[index])
+        self.length = float(windows.edges_s[index + 1] - windows.edges_s[index])
+        flat = np.array([t for row in prepared.cell.durations_s for t in row])[self.numbers]
+        self.line = prepared.window(self.numbers, self.length, self.length / 500)
+        self.graph = slack_graph([[t] for t in flat], (), self.length)
+        self.free = None
+        if geometry is not None:
+            n = self.numbers
+            geometry.sharpen([(a, b) for k, a in enumerate(n) for b in n[k + 1 :]])
+            self.free = geometry.window(n, self.length).free
+        self.critical = int(np.argmax(flat))
+        moving = [r for r in range(len(flat)) if r != self.critical]
+        self.active = np.array([*moving, *[r + len(flat) for r in moving]])
+        self.size = len(flat)
+        self.count = 0
+
+    def points(self, x: np.ndarray) -> np.ndarray:
+        z = np.zeros((len(x), 2 * self.size))
+        z[:, self.active] = np.clip(x, 0.0, 1.0)
+        return decode_batch(self.graph, z.reshape(-1, 2, self.size))
+
+    def batch(self, x: np.ndarray) -> np.ndarray:
+        self.count += len(x)
+        timing = self.points(np.atleast_2d(x))
+        value = np.full(len(timing), np.inf)
+        free = np.ones(len(timing), bool) if self.free is None else self.free(timing)
+        if free.any():
+            value[free] = cost_batch(self.line, timing[free, 0], timing[free, 1])
+        return value
+
+    def one(self, x: np.ndarray) -> float:
+        value = float(self.batch(np.asarray(x)[None])[0])
+        return value if np.isfinite(value) else PENALTY
+
+    def base(self) -> float:
+        return cost(self.line, np.zeros(self.size), np.ones(self.size))
+
+
+def evaluation() -> None:
+    prepared = prepare_cell(pallet_cell())
+    windows = make_windows(prepared)
+    window = Window(prepared, windows, None, 0)
+    start, speed = np.array([0.0, 0.05, 0.1]), np.array([1.0, 0.8, 0.7])
+    many = np.tile(start, (2000, 1)), np.tile(speed, (2000, 1))
+    paths = [prepared.paths[k] for k in window.numbers]
+    one = cpu_us(lambda: cost(window.line, start, speed), 300)
+    batch = cpu_us(lambda: cost_batch(window.line, *many), 1) / 2000
+    gradient = cpu_us(lambda: cost_and_gradient(window.line, start, speed), 300)
+    exact = cpu_us(lambda: [exact_power_w(p, 0.8) for p in paths], 50)
+    rows = [
+        {"what": "quartic, in a batch", "us": batch, "goal": "<= 10"},
+        {"what": "quartic, one call", "us": one, "goal": ""},
+        {"what": "value and gradient, one call", "us": gradient, "goal": "<= 3x one"},
+        {"what": "gradient / one call", "us": gradient / one, "goal": "<= 3"},
+        {"what": "exact per joint (numpy)", "us": exact, "goal": "<= 50"},
+    ]
+    save_table("timing_evaluation", rows, "One evaluation: 3 robots, 500 link steps")
+
+
+def collision() -> None:
+    cell = pallet_cell()
+    prepared = prepare_cell(cell)
+    windows = make_windows(prepared)
+    start = time.process_time()
+    geometry = Geometry(cell)
+    for numbers in windows.numbers:
+        for i, a in enumerate(numbers):
+            for b in numbers[i + 1 :]:
+                geometry.map(a, b)
+    rough_s = time.process_time() - start
+    window = Window(prepared, windows, geometry, 31)
+    timing = window.points(np.random.default_rng(0).random((2000, 4)))
+    each = cpu_us(lambda: window.free(timing), 1) / 2000
+    rows = [
+        {"what": "one window's check by coordination maps [us]", "value": each, "goal": "<= 20"},
+        {"what": "all 117 capsule maps, swept paths included [s]", "value": rough_s, "goal": ""},
+    ]
+    save_table("timing_collision", rows, "Collision check of a window, three arms")
+
+
+def conflicted(prepared, windows) -> int:
+    """The window where collisions cost most: the one that the paper's Fig. 5 is about."""
+    geometry = Geometry(prepared.cell)
+    worst, index = -1.0, 0
+    for k in range(len(windows.numbers)):
+        window = Window(prepared, windows, None, k)
+        free = optimise_timing(window.line, window.graph, 0, None, SearchParams(method="gradient"))
+        check = geometry.window(window.numbers, window.length)
+        if check.free(np.array([[free.start_s, free.override]]))[0]:
+            continue
+        window = Window(prepared, windows, geometry, k)
+        tight = optimise_timing(window.line, window.graph, 0, window.free)
+        if tight.value_j - free.value_j > worst:
+            worst, index = tight.value_j - free.value_j, k
+    return index
+
+
+def windows_table() -> None:
+    cell = pallet_cell()
+    prepared = prepare_cell(cell)
+    layout = make_windows(prepared)
+    index = conflicted(prepared, layout)
+    rows = []
+    for title, geometry in (("without", None), ("with", Geometry(cell))):
+        window = Window(prepared, layout, geometry, index)
+        rows.append(
+            {"collisions": title, "method": "as fast as possible", "median_j": window.base()}
+        )
+        for name, solve in peers(window, prepared):
+            found, spent, counts = [], [], []
+            solve(0)
+            for seed in SEEDS:
+                window.count = 0
+                start = time.process_time()
+                value = solve(seed)
+                spent.append(time.process_time() - start)
+                found.append(value)
+                counts.append(window.count)
+            rows.append(
+                {
+                    "collisions": title, "method": name, "median_j": float(np.median(found)),
+                    "worst_j": float(np.max(found)), "evaluations": int(np.median(counts)),
+                    "cpu_ms": 1e3 * float(np.median(spent)),
+                }
+            )  # fmt: skip
+    save_table("timing_windows", rows, f"Window {index} of the pallet cell, 4 variables, 10 seeds")
+
+
+def peers(window: Window, prepared) -> list[tuple[str, Callable[[int], float]]]:
+    box = [(0.0, 1.0)] * len(window.active)
+    low, high = np.zeros(len(box)), np.ones(len(box))
+
+    def ours(seed: int) -> float:
+        found = optimise_timing(window.line, window.graph, seed, window.free)
+        window.count = found.evaluations
+        return found.value_j
+
+    def swarm(seed: int) -> float:
+        params = SwarmParams(particles=24, iterations=60)
+        return minimise(window.batch, low, high, seed, params).value
+
+    def evolution(budget: int) -> Callable[[int], float]:
+        def run(seed: int) -> float:
+            out = differential_evolution(
+                window.one, box, seed=seed, popsize=15, maxiter=budget, tol=1e-8, polish=False
+            )
+            return float(out.fun)
+
+        return run
+
+    def slsqp(seed: int) -> float:
+        rng = np.random.default_rng(seed)
+        runs = [
+            scipy_minimize(window.one, x, method="SLSQP", bounds=box, options={"maxiter": 100})
+            for x in (np.r_[np.ones(2), np.zeros(2)], *rng.random((5, len(box))))
+        ]
+        return float(min(run.fun for run in runs))
+
+    found = [
+        ("own default", ours), ("own swarm only", swarm),
+        ("SciPy DE", evolution(60)), ("SciPy DE, 10x", evolution(600)), ("SLSQP x6", slsqp),
+    ]  # fmt: skip
+    try:
+        import cma
+
+        def evolve(seed: int, budget: int = 1500) -> float:
+            options = {
+                "bounds": [0, 1], "seed": seed + 1, "verbose": -9, "maxfevals": budget,
+                "tolfun": 1e-7,
+            }  # fmt: skip
+            out = cma.fmin2(window.one, 0.5 * (low + high), 0.3, options)
+            return float(out[1].result.fbest)
+
+        found += [("cma", evolve), ("cma, 10x", lambda seed: evolve(seed, 15000))]
+    except ImportError:
+        print("cma is not installed: skipped")
+    try:
+        import pyswarms
+
+        def flock(seed: int) -> float:
+            np.random.seed(seed)  # noqa: NPY002  (pyswarms knows only the global generator)
+            optimiser = pyswarms.single.GlobalBestPSO(
+                n_particles=30, dimensions=len(box), bounds=(low, high),
+                options={"c1": 1.49618, "c2": 1.49618, "w": 0.7298},
+            )  # fmt: skip
+
+            def objective(x: np.ndarray) -> np.ndarray:
+                value = window.batch(x)
+                return np.where(np.isfinite(value), value, PENALTY)
+
+            return float(optimiser.optimize(objective, iters=100, verbose=False)[0])
+
+        found.append(("pyswarms", flock))
+    except ImportError:
+        print("pyswarms is not installed: skipped")
+    return found
+
+
+def whole() -> None:
+    cell = pallet_cell()
+    prepared = prepare_cell(cell)
+    layout = make_windows(prepared)
+    window_timing(prepared, layout, 0, None)  # compile
+    rows = []
+    total = layout.edges_s[-1]
+    fast = fast_timing(prepared, layout)
+    stretched = stretched_timing(prepared, layout, float(total))
+    timings = [("as fast as possible", fast, 0.0), ("stretched only", stretched, 0.0)]
+    warm = Geometry(cell)
+    window_timing(prepared, layout, 0, warm)
+    for name, geometry in (
+        ("39 windows, no collision check", None),
+        ("39 windows, maps made on the way", Geometry(cell)),
+        ("39 windows, maps known", warm),
+    ):
+        start = time.process_time()
+        timing = window_timing(prepared, layout, 0, geometry)
+        timings.append((name, timing, time.process_time() - start))
+    safe = timings[-1][1]
+    for name, geometry in (("general, no collision check", None), ("general", Geometry(cell))):
+        start = time.process_time()
+        timing = general_timing(prepared, safe, 0, geometry)
+        timings.append((name, timing, time.process_time() - start))
+    base = stretch = 0.0
+    for name, timing, spent in timings:
+        energy = prepared.evaluate(timing.start_s, timing.override, timing.total_s).link_j
+        base = base or energy
+        stretch = energy if name == "stretched only" else stretch
+        row = {"case": name, "energy_j": energy, "saving_percent": 100 * (1 - energy / base)}
+        if stretch:
+            row["against_stretched_percent"] = 100 * (1 - energy / stretch)
+        row["cpu_s"] = spent
+        rows.append(row)
+    save_table("timing_whole", rows, "Pallet cell: 3 robots, 39 trajectories each")
+
+
+def grid() -> None:
+    cell = pallet_cell()
+    prepared = prepare_cell(cell)
+    layout = make_windows(prepared)
+    flat = np.array([t for row in cell.durations_s for t in row])
+    geometry = Geometry(cell)
+    rows = []
+    for index in (0, 7, 19, 31):
+        numbers = list(layout.numbers[index])[:2]
+        length = float(flat[numbers].max())
+        line = prepared.window(numbers, length, length / 500)
+        graph = slack_graph([[flat[k]] for k in numbers], (), length)
+        geometry.sharpen([tuple(numbers)])
+        free = geometry.window(numbers, length).free
+        mover = int(np.argmin(flat[numbers]))
+        axis = np.linspace(0, 1, 200)
+        z = np.zeros((200 * 200, 2, 2))
+        z[:, 0, mover], z[:, 1, mover] = np.repeat(axis, 200), np.tile(axis, 200)
+        timing = decode_batch(graph, z)
+        allowed = free(timing)
+        energy = np.full(len(z), np.inf)
+        energy[allowed] = cost_batch(line, timing[allowed, 0], timing[allowed, 1])
+        for seed in range(3):
+            found = optimise_timing(line, graph, seed, free)
+            rows.append(
+                {
+                    "window": index, "seed": seed, "grid_j": float(energy.min()),
+                    "own_j": found.value_j,
+                    "own_above_grid_percent": 100 * (found.value_j / energy.min() - 1),
+                    "start_j": cost(line, np.zeros(2), np.ones(2)),
+                    "blocked_percent": 100 * float(1 - allowed.mean()),
+                }
+            )  # fmt: skip
+    save_table("timing_grid", rows, "Two robots: own search against a 200 x 200 grid")
+
+
+TABLES = {
+    "evaluation": evaluation, "collision": collision, "windows": windows_table, "whole": whole,
+    "grid": grid,
+}  # fmt: skip
+
+
+def main() -> None:
+    for name in sys.argv[1:] or TABLES:
+        TABLES[name]()
+
+
+if __name__ == "__main__":
+    main()
