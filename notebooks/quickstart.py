@@ -17,7 +17,7 @@
 # the robot configuration of every weld, and motions that are optimal in
 # J = ∫ c_t + c_e uᵀu + c_v q̇ᵀq̇ dt and certified free of collision between their knots.
 #
-# With `DMOC_REDUCED=1` the notebook plans four studs instead of eight.
+# With `DMOC_REDUCED=1` the notebook plans three studs instead of eight.
 
 # %%
 import os
@@ -29,7 +29,7 @@ from sequencing import plan_station, read_run, write_run
 
 station = demo_station("stud_welding_a_8")
 if os.environ.get("DMOC_REDUCED"):
-    station = replace(station, studs=station.studs[:4], fingerprint=f"{station.fingerprint}-4")
+    station = replace(station, studs=station.studs[:3], fingerprint=f"{station.fingerprint}-3")
 print(station.name, [stud.id for stud in station.studs])
 
 # %% [markdown]
