@@ -1,5 +1,7 @@
 """Shortcuts: shorter, free, repeatable."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from planning.shortcut import shortcut
@@ -30,7 +32,7 @@ def test_paths_get_shorter_and_stay_free() -> None:
         short = shortcut(path, outside_disc, scale=np.ones(2), tries=300, seed=seed)
         assert np.array_equal(short[0], path[0])
         assert np.array_equal(short[-1], path[-1])
-        assert all(outside_disc(p, q) for p, q in zip(short, short[1:]))
+        assert all(outside_disc(p, q) for p, q in pairwise(short))
         assert length(short) <= length(path) + 1e-12
         assert shortest <= length(short) < 1.25 * shortest
 
