@@ -43,7 +43,7 @@ class DescentParams:
     starts: int = 4
     iterations: int = 70
     smoothing_rad_s: tuple[float, ...] = (0.05, 0.01)
-    spread_rad: float = 0.8
+    spread_rad: float = 1.5
     price: float = 1e4
     price_factor: float = 30.0
     price_rounds: int = 2

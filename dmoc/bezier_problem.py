@@ -12,7 +12,7 @@ from dmoc.bezier import NUM_CONTROLS, BezierMotion, bernstein
 from dmoc.chain import chain_of
 from dmoc.curve_cost import CurveCost, Evaluation
 from dmoc.errors import Fault, ProblemError
-from dmoc.motion_metrics import MotionState, metric_of
+from dmoc.motion_metrics import MotionState, metric_of, settled
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 
@@ -179,5 +179,6 @@ def metric_values(
         sample = replace(motion, robot=None).sample(motion.t_s[0] + t)
         q, v, a = sample.q_rad, sample.velocity_rad_s, sample.acceleration_rad_s2
         jerk = np.zeros_like(a)
+    v = settled(v)
     state = MotionState(v, a, jerk, chain_of(robot).torque_nm(q, v, a))
     return {name: step * float(metric_of(name, robot).rate(state, 0.0).sum()) for name in names}

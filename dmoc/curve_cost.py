@@ -9,7 +9,7 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.chain import Chain, chain_of
-from dmoc.motion_metrics import Metric, MotionState, metric_of
+from dmoc.motion_metrics import Metric, MotionState, metric_of, settled
 from dmoc.robot import Robot
 
 __all__ = ["LIMIT_SHARE", "CurveCost", "Evaluation"]
@@ -87,6 +87,7 @@ class CurveCost:
 
     def _state(self, parameters: Array) -> tuple[MotionState, Array]:
         q, v, a = (basis @ parameters for basis in self.basis[:3])
+        v = settled(v)
         jerk = a if self.metric.needs_torque else self.basis[3] @ parameters
         return MotionState(v, a, jerk, self.chain.torque_nm(q, v, a)), q
 

@@ -28,7 +28,7 @@ from dmoc.drive import DriveParams, drive_from_mapping, electrical_power_w
 from dmoc.errors import Fault, ProblemError
 from dmoc.robot import Robot
 
-__all__ = ["METRICS", "Metric", "MotionState", "Pull", "metric_of"]
+__all__ = ["METRICS", "Metric", "MotionState", "Pull", "metric_of", "settled"]
 
 BUS_VOLTAGE_V = 48.0
 
@@ -40,6 +40,16 @@ class MotionState(NamedTuple):
     acceleration: Array
     jerk: Array
     torque: Array
+
+
+def settled(velocity: Array) -> Array:
+    """`velocity` with rounding noise (below 1e-12 rad/s) set to 0, in place.
+
+    A curve of equal control points stands still, but its sums leave 1e-16 rad/s, and the sign of
+    that would be charged with friction.
+    """
+    velocity[np.abs(velocity) < 1e-12] = 0.0
+    return velocity
 
 
 class Pull(NamedTuple):

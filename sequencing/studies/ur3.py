@@ -20,7 +20,15 @@ from dmoc.robot import load_robot
 from dmoc.swarm import SwarmParams
 from sequencing.run_archive import json_text, write_atomic
 from sequencing.run_result import package_versions
-from sequencing.studies.ur3_case import ENERGIES, Setting, case_report, judge, saving, solve_case
+from sequencing.studies.ur3_case import (
+    ENERGIES,
+    Setting,
+    case_report,
+    judge,
+    saving,
+    solve_case,
+    viscous_floor_j,
+)
 from sequencing.studies.ur3_export import export_motion
 from sequencing.studies.ur3_moves import CLASSES, Move, movej, paper_moves, random_moves
 from sequencing.studies.ur3_reference import free_form
@@ -114,7 +122,7 @@ def _movement(
     report: dict[str, Any] = {
         "name": move.name, "start_rad": move.start_rad.tolist(),
         "goal_rad": move.goal_rad.tolist(), "paper_saving_percent": PAPER_SAVING_PERCENT[move.name],
-        "baseline": baseline, "metrics": {},
+        "baseline": baseline, "viscous_floor_j": viscous_floor_j(move, setting), "metrics": {},
     }  # fmt: skip
     best = {}
     for metric in ENERGIES:

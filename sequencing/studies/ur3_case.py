@@ -14,6 +14,7 @@ from dmoc.bezier_descent import DescentParams, descend_bezier
 from dmoc.bezier_problem import BezierProblem, BezierResult, metric_values
 from dmoc.bezier_swarm import PAPER_SWARM, swarm_bezier
 from dmoc.drive import drive_from_mapping
+from dmoc.motion_metrics import BUS_VOLTAGE_V
 from dmoc.robot import Robot
 from dmoc.swarm import SwarmParams
 from dmoc.trajectory import JointTrajectory
@@ -30,6 +31,7 @@ __all__ = [
     "judge",
     "saving",
     "solve_case",
+    "viscous_floor_j",
 ]
 
 #: Metrics that every motion is judged in [J].
@@ -89,6 +91,19 @@ def base_energy_j(setting: Setting) -> float:
 def saving(baseline: float, value: float) -> float | None:
     """Saving in percent of a baseline; None where the baseline is no positive number of joules."""
     return 100.0 * (1.0 - value / baseline) if baseline > 1e-9 else None
+
+
+def viscous_floor_j(move: Move, setting: Setting) -> float:
+    """What viscous friction alone takes in the |I|·V metric, along any path: V Σ f_v |Δq|/(n k_t).
+
+    A lower bound of the friction part, not of the metric: a joint whose gravity torque helps its
+    motion can take less current than its friction would.
+    """
+    robot = setting.robot
+    drive = drive_from_mapping(robot.drive, robot.num_joints, robot.provenance)
+    travel = np.abs(move.goal_rad - move.start_rad)
+    factor = BUS_VOLTAGE_V / (drive.gear_ratio * drive.torque_constant_nm_a)
+    return float(np.sum(factor * drive.viscous_nm_s * travel))
 
 
 def judge(motion: BezierMotion | JointTrajectory, setting: Setting) -> dict[str, Any]:
