@@ -1,0 +1,224 @@
+"""CPU and quality of free-time motions: this package beside rockit, crocoddyl and toppra.
+
+    python benchmarks/ocp.py [--pairs 20] [--reliability 0] [--robots ur10e_class irb6640_class]
+        [--peers rockit crocoddyl toppra]
+
+Twenty random rest-to-rest problems a robot, N = 40, drawn before anything is solved, with
+|g(q)| ≤ 0.9 u_max at both ends. For the comparison the acceleration limit is off for everybody
+(crocoddyl has none) and ours is shown with it as well. CPU is process time of the solve alone; J
+is the cost of the cubic interpolant with the torques that it needs by inverse dynamics, for
+everybody alike; ratios are per problem, medians over problems. Peers that are not installed are
+left out and named. Results: `benchmarks/results/ocp.md` and `.json`.
+"""
+
+import argparse
+import datetime
+import json
+import os
+import platform
+import sys
+import time
+from collections import Counter
+from importlib import metadata
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("DMOC_BACKEND", "c")
+
+import numpy as np
+from ocp_peers import Crocoddyl, Rockit, Toppra
+
+from dmoc.cost import Cost
+from dmoc.motion import MotionProblem
+from dmoc.resimulation import replay_motion
+from dmoc.robot import Robot, load_robot
+from dmoc.running_cost import trajectory_cost
+from dmoc.solver import solve
+
+RESULTS = Path(__file__).parent / "results"
+REPEATS = 3
+
+
+def draw_pairs(robot: Robot, count: int, seed: int, span: float = 2.0) -> list[tuple]:
+    rng, out = np.random.default_rng(seed), []
+    lower, upper = np.maximum(robot.q_lower_rad, -span), np.minimum(robot.q_upper_rad, span)
+    while len(out) < count:
+        pair = rng.uniform(lower, upper, (2, robot.num_joints))
+        if np.all(np.abs(robot.gravity_torque_nm(pair)) <= 0.9 * robot.torque_limit_nm):
+            out.append((pair[0], pair[1]))
+    return out
+
+
+def timed(problem: MotionProblem) -> tuple:
+    """The motion and the least CPU of a few solves: the machine is shared."""
+    spent = []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        motion = solve(problem)
+        spent.append(time.process_time() - start)
+    return motion, min(spent)
+
+
+def compare(name: str, count: int, peers: list) -> dict:
+    robot = load_robot(name)
+    free = robot.with_limits(acceleration_limit_rad_s2=1e3)
+    pairs = draw_pairs(robot, count, seed=7)
+    cost = Cost()
+    limited = [MotionProblem(robot, *pair) for pair in pairs]
+    problems = [MotionProblem(free, *pair) for pair in pairs]
+    solve(limited[0]), solve(problems[0])
+    rows = {"with acceleration limits": [timed(problem) for problem in limited]}
+    ours = [timed(problem) for problem in problems]
+    fixed = [timed(p.replace(duration_s=m.duration_s)) for p, (m, _) in zip(problems, ours)]
+    rows |= {"dmoc, free time": ours, "dmoc, fixed time": fixed}
+    report = {}
+    for label, results in rows.items():
+        report[label] = summary(
+            [(m.trajectory if m.status.ok else None, cpu) for m, cpu in results],
+            free,
+            cost,
+            problems,
+        )
+        report[label]["replay_mrad"] = 1e3 * float(
+            np.median([replay_motion(m).replay_error_rad for m, _ in results])
+        )
+    for kind in peers:
+        peer = kind(free, cost, 40)
+        results, base = [], ours if kind.free_time else fixed
+        peer.solve(problems[0], *(() if kind.free_time else (ours[0][0].duration_s,)))
+        for problem, (motion, _) in zip(problems, ours):
+            extra = () if kind.free_time else (motion.duration_s,)
+            results.append(peer.solve(problem, *extra))
+        entry = summary(results, free, cost, problems)
+        ok = [i for i, (t, _) in enumerate(results) if t is not None]
+        entry["cpu_ratio_to_dmoc"] = float(np.median([results[i][1] / base[i][1] for i in ok]))
+        entry["cost_ratio_to_dmoc"] = float(
+            np.median(
+                [
+                    trajectory_cost(results[i][0], free, cost)
+                    / trajectory_cost(base[i][0].trajectory, free, cost)
+                    for i in ok
+                ]
+            )
+        )
+        report[peer.name] = entry
+    return report
+
+
+def summary(results: list, robot: Robot, cost: Cost, problems: list) -> dict:
+    ok = [(t, p) for (t, _), p in zip(results, problems) if t is not None]
+    return {
+        "cpu_ms_median": 1e3 * float(np.median([cpu for _, cpu in results])),
+        "cpu_ms_worst": 1e3 * float(max(cpu for _, cpu in results)),
+        "cost_median": float(np.median([trajectory_cost(t, robot, cost) for t, _ in ok])),
+        "end_error_mrad": 1e3 * float(max(np.abs(t.q_rad[-1] - p.goal_rad).max() for t, p in ok)),
+        "failed": len(results) - len(ok),
+    }
+
+
+def reliability(name: str, count: int) -> dict:
+    robot = load_robot(name)
+    statuses, cpu, iterations, defects = Counter(), [], [], []
+    for pair in draw_pairs(robot, count, seed=1000):
+        start = time.process_time()
+        motion = solve(MotionProblem(robot, *pair))
+        cpu.append(time.process_time() - start)
+        statuses[motion.status.value] += 1
+        iterations.append(motion.iterations)
+        defects.append(motion.max_defect)
+    return {
+        "pairs": count, "statuses": dict(statuses), "cpu_ms_median": 1e3 * float(np.median(cpu)),
+        "cpu_ms_p99": 1e3 * float(np.percentile(cpu, 99)),
+        "iterations_median": float(np.median(iterations)), "iterations_worst": max(iterations),
+        "largest_defect": max(defects),
+    }  # fmt: skip
+
+
+def installed(kinds: list) -> tuple[list, list]:
+    found, missing = [], []
+    for kind, module in kinds:
+        try:
+            __import__(module)
+            found.append(kind)
+        except ImportError:
+            missing.append(module)
+    return found, missing
+
+
+def first_result_seconds(name: str) -> float:
+    """Wall clock of a fresh process with an empty cache, import to the first motion."""
+    import subprocess
+    import tempfile
+
+    code = (
+        "import time; t=time.perf_counter(); import dmoc, numpy as np\n"
+        f"r=dmoc.load_robot('{name}'); z=np.zeros(r.num_joints); z[1]=-0.5\n"
+        "m=dmoc.solve(dmoc.MotionProblem(r, z, z+0.6)); assert m.status.ok\n"
+        "print(time.perf_counter()-t)"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        env = os.environ | {"DMOC_CACHE": folder, "DMOC_BACKEND": "auto"}
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=env, check=True, capture_output=True, text=True
+        )
+    return float(done.stdout)
+
+
+def table(report: dict) -> str:
+    lines = ["| tool | CPU ms (worst) | CPU / dmoc | J median | J / dmoc | end mrad | failed |",
+             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    for label, row in report.items():
+        cpu, worth = row.get("cpu_ratio_to_dmoc"), row.get("cost_ratio_to_dmoc")
+        lines.append(
+            f"| {label} | {row['cpu_ms_median']:.1f} ({row['cpu_ms_worst']:.1f}) "
+            f"| {'' if cpu is None else f'{cpu:.1f}'} | {row['cost_median']:.4f} "
+            f"| {'' if worth is None else f'{worth:.4f}'} | {row['end_error_mrad']:.3f} "
+            f"| {row['failed']} |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=int, default=20)
+    parser.add_argument("--reliability", type=int, default=0)
+    parser.add_argument("--robots", nargs="+", default=["ur10e_class", "irb6640_class"])
+    parser.add_argument("--reliability-robots", nargs="+", default=None)
+    parser.add_argument("--peers", nargs="+", default=["rockit", "crocoddyl", "toppra"])
+    parser.add_argument("--name", default="ocp")
+    options = parser.parse_args()
+    peers, missing = installed([(Rockit, "rockit"), (Crocoddyl, "crocoddyl"), (Toppra, "toppra")])
+    versions = {}
+    for package in ("casadi", "pin", "numpy", "rockit-meco", "crocoddyl", "toppra"):
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            versions[package] = "not installed"
+    data = {
+        "date": datetime.date.today().isoformat(), "machine": platform.machine(),
+        "cores": os.cpu_count(), "python": platform.python_version(), "versions": versions,
+        "missing": missing, "comparison": {}, "reliability": {}, "first_result_s": {},
+    }  # fmt: skip
+    text = ["# Optimal control beside its peers", "", __doc__.split("\n\n")[2], "",
+            f"{data['date']}, {data['cores']} cores, Python {data['python']}, "
+            + ", ".join(f"{k} {v}" for k, v in versions.items())
+            + (f"; not installed: {', '.join(missing)}" if missing else ""), ""]  # fmt: skip
+    for name in options.robots if options.pairs else []:
+        report = compare(name, options.pairs, peers)
+        data["comparison"][name] = report
+        data["first_result_s"][name] = first_result_seconds(name)
+        text += [f"## {name}, {options.pairs} problems", "", table(report), "",
+                 f"Fresh process, empty cache, import to first motion: "
+                 f"{data['first_result_s'][name]:.2f} s wall.", ""]  # fmt: skip
+    for name in (options.reliability_robots or options.robots) if options.reliability else []:
+        found = reliability(name, options.reliability)
+        data["reliability"][name] = found
+        text += [f"## Reliability, {name}", "", f"{found}", ""]
+    RESULTS.mkdir(exist_ok=True)
+    (RESULTS / f"{options.name}.json").write_text(json.dumps(data, indent=1) + "\n")
+    (RESULTS / f"{options.name}.md").write_text("\n".join(text))
+    print("\n".join(text))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,196 @@
+"""The same motion problem handed to other optimal-control tools, as their users would write it.
+
+Every peer returns (trajectory or None, CPU seconds of the solve alone). Set-up (symbolic dynamics,
+transcription, compilation) is never counted, for nobody.
+"""
+
+import time
+
+import casadi as ca
+import numpy as np
+
+from dmoc.cost import Cost
+from dmoc.dynamics import lagrangian_gradients
+from dmoc.guess import straight_guess
+from dmoc.motion import MotionProblem
+from dmoc.programme import arm_of
+from dmoc.robot import Robot
+from dmoc.trajectory import JointTrajectory
+
+
+def forward_dynamics(robot: Robot) -> ca.Function:
+    """q̈(q, q̇, u) as CasADi SX: M⁻¹(u + f − Ṁ q̇) with M = ∂p/∂q̇."""
+    n = robot.num_joints
+    q, v, u = (ca.SX.sym(name, n) for name in "qvu")
+    p, f = lagrangian_gradients(arm_of(robot), q, v)
+    mass = ca.jacobian(p, v)
+    rhs = u + f - ca.jtimes(p, q, v)
+    diagonal, factor, order = ca.ldl(mass)
+    return ca.Function("fd", [q, v, u], [ca.ldl_solve(rhs, diagonal, factor, order)], {"cse": True})
+
+
+class Rockit:
+    """rockit DirectCollocation, free time, Ipopt with MUMPS; the first call transcribes."""
+
+    name = "rockit collocation"
+    free_time = True
+
+    def __init__(self, robot: Robot, cost: Cost, num_intervals: int) -> None:
+        import rockit
+
+        n = robot.num_joints
+        ocp = rockit.Ocp(T=rockit.FreeTime(2.0))
+        q, v = [ocp.state() for _ in range(n)], [ocp.state() for _ in range(n)]
+        u = [ocp.control() for _ in range(n)]
+        acceleration = forward_dynamics(robot)(*(ca.vertcat(*x) for x in (q, v, u)))
+        self.ends = ocp.parameter(n), ocp.parameter(n)
+        for j in range(n):
+            ocp.set_der(q[j], v[j])
+            ocp.set_der(v[j], acceleration[j])
+            ocp.subject_to(-robot.torque_limit_nm[j] <= (u[j] <= robot.torque_limit_nm[j]))
+            limit = robot.velocity_limit_rad_s[j]
+            ocp.subject_to(-limit <= (v[j] <= limit), include_first=False, include_last=False)
+            lower, upper = robot.q_lower_rad[j], robot.q_upper_rad[j]
+            ocp.subject_to(lower <= (q[j] <= upper), include_first=False, include_last=False)
+            ocp.subject_to(ocp.at_t0(q[j]) == self.ends[0][j])
+            ocp.subject_to(ocp.at_tf(q[j]) == self.ends[1][j])
+            ocp.subject_to(ocp.at_t0(v[j]) == 0)
+            ocp.subject_to(ocp.at_tf(v[j]) == 0)
+        ocp.subject_to(ocp.T >= 0.05)
+        rate = cost.time + cost.effort * sum(x**2 for x in u) + cost.velocity * sum(x**2 for x in v)
+        ocp.add_objective(ocp.integral(rate))
+        quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+        ocp.solver("ipopt", quiet)
+        ocp.method(rockit.DirectCollocation(N=num_intervals))
+        self.ocp, self.q, self.v, self.u, self.robot = ocp, q, v, u, robot
+
+    def solve(self, problem: MotionProblem) -> tuple[JointTrajectory | None, float]:
+        ocp, guess = self.ocp, straight_guess(problem)
+        ocp.set_value(self.ends[0], problem.start_rad)
+        ocp.set_value(self.ends[1], problem.goal_rad)
+        total = guess.step_s * problem.num_intervals
+        s = ocp.t / total
+        share, rate = s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2 / total
+        hold = self.robot.gravity_torque_nm(guess.q_rad[[0, -1]])
+        for j, distance in enumerate(problem.goal_rad - problem.start_rad):
+            ocp.set_initial(self.q[j], problem.start_rad[j] + share * distance)
+            ocp.set_initial(self.v[j], rate * distance)
+            ocp.set_initial(self.u[j], hold[0, j] + s * (hold[1, j] - hold[0, j]))
+        ocp.set_initial(ocp.T, total)
+        start = time.process_time()
+        try:
+            solution = ocp.solve()
+            spent = time.process_time() - start
+        except RuntimeError:  # how CasADi reports that Ipopt failed
+            return None, time.process_time() - start
+        t = solution.sample(ocp.t, grid="control")[0]
+        q, v, u = (
+            np.stack([solution.sample(x, grid="control")[1] for x in xs], axis=1)
+            for xs in (self.q, self.v, self.u)
+        )
+        return JointTrajectory(t, q, v, u[:-1], self.robot), spent
+
+
+class Crocoddyl:
+    """crocoddyl BoxFDDP with RK4, fixed time, goal by terminal penalty; no speed limits."""
+
+    name = "crocoddyl BoxFDDP"
+    free_time = False
+
+    def __init__(self, robot: Robot, cost: Cost, num_intervals: int) -> None:
+        import crocoddyl
+
+        self.crocoddyl, self.robot, self.cost = crocoddyl, robot, cost
+
+    def _problem(self, problem: MotionProblem, duration: float):
+        croc, robot, cost = self.crocoddyl, self.robot, self.cost
+        model = robot.model.copy()
+        armature = np.array(model.armature)
+        model.armature = np.zeros(model.nv)  # else counted twice or not at all
+        state = croc.StateMultibody(model)
+        actuation = croc.ActuationModelFull(state)
+        n, h = model.nv, duration / problem.num_intervals
+
+        def stage(terminal: bool):
+            costs = croc.CostModelSum(state)
+            goal = np.concatenate([problem.goal_rad, np.zeros(n)])
+            speed = croc.ActivationModelWeightedQuad(np.concatenate([np.zeros(n), np.ones(n)]))
+            if terminal:
+                costs.addCost("goal", croc.CostModelResidual(
+                    state, croc.ResidualModelState(state, goal, n)), 1e6)  # fmt: skip
+            else:
+                costs.addCost("v", croc.CostModelResidual(
+                    state, speed, croc.ResidualModelState(state, np.zeros(2 * n), n)),
+                    2 * cost.velocity)  # fmt: skip
+                costs.addCost("u", croc.CostModelResidual(
+                    state, croc.ResidualModelControl(state, n)), 2 * cost.effort)  # fmt: skip
+            dynamics = croc.DifferentialActionModelFreeFwdDynamics(state, actuation, costs)
+            dynamics.armature = armature
+            dynamics.u_lb, dynamics.u_ub = -robot.torque_limit_nm, robot.torque_limit_nm
+            if terminal:
+                return croc.IntegratedActionModelEuler(dynamics, 0.0)
+            model_rk = croc.IntegratedActionModelRK(dynamics, croc.RKType.four, h)
+            model_rk.u_lb, model_rk.u_ub = -robot.torque_limit_nm, robot.torque_limit_nm
+            return model_rk
+
+        x0 = np.concatenate([problem.start_rad, np.zeros(n)])
+        running = stage(False)
+        return croc.ShootingProblem(x0, [running] * problem.num_intervals, stage(True)), h
+
+    def solve(
+        self, problem: MotionProblem, duration: float
+    ) -> tuple[JointTrajectory | None, float]:
+        shooting, h = self._problem(problem, duration)
+        solver = self.crocoddyl.SolverBoxFDDP(shooting)
+        solver.th_stop = 1e-6
+        guess = straight_guess(problem.replace(duration_s=duration))
+        rates = np.gradient(guess.q_rad, h, axis=0)
+        xs = [np.concatenate(x) for x in zip(guess.q_rad, rates)]
+        start = time.process_time()
+        done = solver.solve(xs, list(guess.torque_nm), 200, False)
+        spent = time.process_time() - start
+        x, n = np.array(solver.xs), self.robot.num_joints
+        t = h * np.arange(len(x))
+        motion = JointTrajectory(t, x[:, :n], x[:, n:], np.array(solver.us), self.robot)
+        return (motion if done else None), spent
+
+
+class Toppra:
+    """toppra on the straight line: time-optimal under speed and torque limits."""
+
+    name = "toppra straight line"
+    free_time = True
+
+    def __init__(self, robot: Robot, cost: Cost, num_intervals: int) -> None:
+        import pinocchio as pin
+
+        self.robot, self.data, self.pin = robot, robot.model.createData(), pin
+
+    def solve(self, problem: MotionProblem) -> tuple[JointTrajectory | None, float]:
+        import toppra
+        import toppra.algorithm
+        import toppra.constraint
+
+        robot, pin = self.robot, self.pin
+
+        def inverse(q, v, a):
+            return pin.rnea(robot.model, self.data, q, v, a).copy()
+
+        start = time.process_time()
+        path = toppra.SplineInterpolator([0, 1], np.stack([problem.start_rad, problem.goal_rad]))
+        v, u = robot.velocity_limit_rad_s, robot.torque_limit_nm
+        limits = [
+            toppra.constraint.JointVelocityConstraint(np.stack([-v, v], axis=1)),
+            toppra.constraint.JointTorqueConstraint(
+                inverse, np.stack([-u, u], axis=1), np.zeros(robot.num_joints)
+            ),
+        ]
+        gridpoints = np.linspace(0, 1, 101)
+        parametrised = toppra.algorithm.TOPPRA(limits, path, gridpoints).compute_trajectory(0, 0)
+        spent = time.process_time() - start
+        if parametrised is None:
+            return None, spent
+        t = np.linspace(0, parametrised.duration, 201)
+        q, rate = parametrised(t), parametrised(t, 1)
+        rate[[0, -1]] = 0.0
+        return JointTrajectory(t, q, rate, np.zeros((200, robot.num_joints)), robot), spent
