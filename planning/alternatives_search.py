@@ -46,15 +46,16 @@ def _of_stud(station: Station, world: CollisionWorld, stud: Stud, seed: int) -> 
     reasons: Counter[str] = Counter()
     reasons["unreachable"] += int(np.sum(found.num_branches == 0))
     reasons["joint limit"] += int(found.num_outside.sum())
-    line = weld_line(station, stud)
+    # A stud that sits on nothing has nothing that its gun may touch.
+    lines = (weld_line(station, stud),) if stud.on else ()
     own = {body.name for body in station.tool_bodies} | {f.name for f in robot.model.frames}
-    q = _without(world, station, found.q_rad, line, own, reasons, "collision with ")
+    q = _without(world, station, found.q_rad, lines, own, reasons, "collision with ")
     offset = stud.depart_m * LINE_FRACTIONS[:, None] * stud.depart_direction
     knots, good = follow_line(chain_of(robot), q, np.broadcast_to(offset, (len(q), *offset.shape)))
     reasons["departure leaves the joint limits"] += int(np.sum(~good))
     kept = []
     for row in knots[good]:
-        pair = _first_hit(world, row, station.clearance_m, (line,))
+        pair = _first_hit(world, row, station.clearance_m, lines)
         pair = pair or _first_hit(world, row[-1:], FREE_M, ())
         if pair is None:
             kept.append(row)
@@ -69,15 +70,15 @@ def _of_stud(station: Station, world: CollisionWorld, stud: Stud, seed: int) -> 
 
 
 def _without(
-    world: CollisionWorld, station: Station, q: Array, line: DepartureLine, own: set[str],
-    reasons: Counter[str], words: str,
+    world: CollisionWorld, station: Station, q: Array, lines: Sequence[DepartureLine],
+    own: set[str], reasons: Counter[str], words: str,
 ) -> Array:  # fmt: skip
     """Rows of q that keep clear at the weld; the others are counted by reason."""
     if not len(q):
         return q
-    hit: npt.NDArray[np.bool_] = world.collide_batch(q, station.clearance_m, (line,))
+    hit: npt.NDArray[np.bool_] = world.collide_batch(q, station.clearance_m, lines)
     for row in q[hit]:
-        pair = world.collide(row, station.clearance_m, (line,))
+        pair = world.collide(row, station.clearance_m, lines)
         if pair is not None:
             other = _other(pair, own)
             reasons["self-collision" if other == "itself" else words + other] += 1

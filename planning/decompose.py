@@ -97,14 +97,15 @@ def split_by_plane(mesh: Mesh, normal: Array, offset: float) -> tuple[Mesh | Non
     """
     cell = _Cell(mesh.vertices_m[mesh.faces], ())
     parts: list[Mesh | None] = []
-    for half in _cut(cell, np.asarray(normal, dtype=float), offset, mesh.watertight):
+    halves = _cut(cell, np.asarray(normal, dtype=float), offset, mesh.watertight)
+    for half, turn in zip(halves, (1, -1), strict=True):
         if len(half.triangles) == 0:
             parts.append(None)
             continue
         soup = [half.triangles]
         for cap in half.caps:
             hub = np.broadcast_to(cap.reshape(-1, 3).mean(axis=0), (len(cap), 3))
-            soup.append(np.stack([hub, cap[:, 0], cap[:, 1]], axis=1))
+            soup.append(np.stack([hub, cap[:, 0], cap[:, 1]], axis=1)[:, ::turn])
         vertices, index = np.unique(np.concatenate(soup).reshape(-1, 3), axis=0,
                                     return_inverse=True)  # fmt: skip
         faces = index.reshape(-1, 3)

@@ -124,6 +124,8 @@ def follow_line(
         move = offset_m[:, m] - reached
         steps = max(1, int(np.ceil(np.max(np.linalg.norm(move, axis=1), initial=0.0) / step_m)))
         for s in range(1, steps + 1):
+            if not good.any():
+                break
             goal = start.copy()
             goal[:, :3, 3] += reached + move * (s / steps)
             following, arrived = converge(chain, goal, q, iterations=15)

