@@ -107,7 +107,7 @@ def evaluation() -> None:
         {"what": "quartic, one call", "us": one, "goal": ""},
         {"what": "value and gradient, one call", "us": gradient, "goal": "<= 3x one"},
         {"what": "gradient / one call", "us": gradient / one, "goal": "<= 3"},
-        {"what": "exact per joint (numpy)", "us": exact, "goal": "<= 50"},
+        {"what": "exact per joint", "us": exact, "goal": "<= 50"},
     ]
     save_table("timing_evaluation", rows, "One evaluation: 3 robots, 500 link steps")
 
@@ -190,6 +190,15 @@ def peers(window: Window, prepared) -> list[tuple[str, Callable[[int], float]]]:
         window.count = found.evaluations
         return found.value_j
 
+    def small(seed: int) -> float:
+        params = SearchParams(
+            scattered=96, gradient_starts=2, gradient_iterations=20,
+            swarm=SwarmParams(particles=12, iterations=6), polish_rounds=8,
+        )  # fmt: skip
+        found = optimise_timing(window.line, window.graph, seed, window.free, params)
+        window.count = found.evaluations
+        return found.value_j
+
     def swarm(seed: int) -> float:
         params = SwarmParams(particles=24, iterations=60)
         return minimise(window.batch, low, high, seed, params).value
@@ -212,7 +221,7 @@ def peers(window: Window, prepared) -> list[tuple[str, Callable[[int], float]]]:
         return float(min(run.fun for run in runs))
 
     found = [
-        ("own default", ours), ("own swarm only", swarm),
+        ("own default", ours), ("own, small budget", small), ("own swarm only", swarm),
         ("SciPy DE", evolution(60)), ("SciPy DE, 10x", evolution(600)), ("SLSQP x6", slsqp),
     ]  # fmt: skip
     try:
@@ -274,7 +283,7 @@ def whole() -> None:
     safe = timings[-1][1]
     for name, geometry in (("general, no collision check", None), ("general", Geometry(cell))):
         start = time.process_time()
-        timing = general_timing(prepared, safe, 0, geometry)
+        timing = general_timing(prepared, safe, 0, geometry, [stretched, fast])
         timings.append((name, timing, time.process_time() - start))
     base = stretch = 0.0
     for name, timing, spent in timings:

@@ -1,8 +1,8 @@
 """Find starts and overrides: gradient multi-start, particle swarm, and a polish between them.
 
-Without collisions the problem is smooth almost everywhere and L-BFGS-B from a few starts finds the
-optimum in tens of evaluations; if that schedule is free of collisions, no constrained one can be
-better found by the same search and it is returned. Otherwise the swarm (invisible walls: a
+An evaluation costs microseconds, so a few hundred scattered points come first (many of them on
+faces of the box, where optima like to lie); L-BFGS-B runs from the best of them, collisions
+ignored. If its answer is free of collisions it is returned. Otherwise the swarm (invisible walls: a
 collision is a forbidden point) looks on both sides of the barrier and a pattern search with
 shrinking steps walks its best point up to the barrier. The best allowed point of all wins, and the
 start given by the caller is always among the candidates: never worse than that.
@@ -31,27 +31,30 @@ class SearchParams:
     """What to spend. `method` auto uses the swarm only where the gradient's answer collides."""
 
     method: str = "auto"  # auto | gradient | swarm
-    gradient_starts: int = 5
+    scattered: int = 384
+    gradient_starts: int = 6
     gradient_iterations: int = 60
-    swarm: SwarmParams = SwarmParams(particles=20, iterations=40)
-    polish_rounds: int = 24
+    swarm: SwarmParams = SwarmParams(particles=16, iterations=24)
+    polish_rounds: int = 20
 
 
 DEFAULT_SEARCH = SearchParams()
+_FEW = 16  # scattering helps in so many dimensions at most
 
 
 @dataclass(frozen=True, eq=False)
 class TimingResult:
     """Best allowed point z (2, S), its start_s and override (S,), value [J] and evaluations.
 
-    `relaxed_j` is the best value found when collisions are ignored (not a proven bound); `source`
-    says which search found the point. `value_j` is inf if no allowed schedule was met.
+    `relaxed_z`, `relaxed_j` are the best found when collisions are ignored (not a proven bound);
+    `source` says which search found the point. `value_j` is inf if no allowed schedule was met.
     """
 
     z: np.ndarray
     start_s: np.ndarray
     override: np.ndarray
     value_j: float
+    relaxed_z: np.ndarray
     relaxed_j: float
     evaluations: int
     source: str
@@ -77,23 +80,23 @@ def optimise_timing(
     search.offer(np.array(seeds), "start")
     active = np.concatenate([graph.free, graph.free + size])
     if active.size == 0:
-        return search.result(np.inf)
+        return search.result(search.z, np.inf)
     rng = np.random.default_rng(seed)
-    relaxed = np.inf
+    relaxed, relaxed_z = np.inf, search.z
     if params.method in ("auto", "gradient"):
-        begin = [*seeds[1:], *rng.random((max(0, params.gradient_starts - 1), 2, size))]
+        begin = seeds[1:] + search.scatter(active, rng, params)
         for z in begin:
             found, value = search.descend(z, active, params.gradient_iterations)
-            relaxed = min(relaxed, value)
-            search.offer(found[None], "gradient")
+            if value < relaxed:
+                relaxed, relaxed_z = value, found
+        search.offer(relaxed_z[None], "gradient")
     needs_swarm = params.method == "swarm" or (
         params.method == "auto" and search.value > relaxed + 1e-9 * abs(relaxed)
     )
     if needs_swarm:
-        search.swarm(active, int(rng.integers(2**31)), params.swarm)
-    if needs_swarm or params.method == "swarm":
+        search.swarm(active, int(rng.integers(2**31)), params)
         search.polish(active, params.polish_rounds, rng)
-    return search.result(relaxed)
+    return search.result(relaxed_z, relaxed)
 
 
 class _Search:
@@ -117,6 +120,19 @@ class _Search:
             value[allowed] = cost_batch(self.line, chosen[:, 0], chosen[:, 1])
         self.evaluations += len(z)
         return value
+
+    def scatter(
+        self, active: np.ndarray, rng: np.random.Generator, params: SearchParams
+    ) -> list[np.ndarray]:
+        """The best of random points, collisions ignored, as starts; in few dimensions only."""
+        wanted = max(0, params.gradient_starts - 1)
+        if active.size > _FEW:
+            return list(rng.random((wanted, 2, self.size)))
+        points = self.expand(_scattered(params.scattered, active.size, rng), active)
+        timing = decode_batch(self.graph, points)
+        value = cost_batch(self.line, timing[:, 0], timing[:, 1])
+        self.evaluations += len(points)
+        return list(points[np.argsort(value)[:wanted]])
 
     def offer(self, z: np.ndarray, source: str) -> None:
         value = self.values(z)
@@ -150,13 +166,18 @@ class _Search:
         points[:, active] = x
         return points.reshape(-1, 2, self.size)
 
-    def swarm(self, active: np.ndarray, seed: int, params: SwarmParams) -> None:
-        given = [self.z.reshape(-1)[active]] if np.isfinite(self.value) else []
-        ones = np.zeros(2 * self.size)
-        ones[: self.size] = 1.0
+    def swarm(self, active: np.ndarray, seed: int, params: SearchParams) -> None:
+        """Scattered allowed points, the swarm from the best of them, its best point kept."""
+        rng = np.random.default_rng(seed)
+        points = _scattered(params.scattered, active.size, rng)
+        value = self.values(self.expand(points, active))
+        best = np.argsort(value)[: params.swarm.particles // 2]
+        given = points[best[np.isfinite(value[best])]]
+        if np.isfinite(self.value):
+            given = np.vstack([self.z.reshape(-1)[active], given])
         found = minimise(
             lambda x: self.values(self.expand(x, active)), np.zeros(active.size),
-            np.ones(active.size), seed, params, np.array([*given, ones[active]]),
+            np.ones(active.size), seed, params.swarm, given if len(given) else None,
         )  # fmt: skip
         if found.value < self.value:
             self.z = self.expand(found.x[None], active)[0]
@@ -179,8 +200,17 @@ class _Search:
             else:
                 step = min(0.5, 1.5 * step)
 
-    def result(self, relaxed: float) -> TimingResult:
+    def result(self, relaxed_z: np.ndarray, relaxed: float) -> TimingResult:
         start, override = decode(self.graph, self.z)
         return TimingResult(
-            self.z, start, override, self.value, relaxed, self.evaluations, self.source
+            self.z, start, override, self.value, relaxed_z, relaxed, self.evaluations, self.source
         )
+
+
+def _scattered(count: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
+    """Random points (count, dimensions); each coordinate is put on a face with chance 1/3."""
+    points = rng.random((count, dimensions))
+    face = rng.random((count, dimensions))
+    points[face < 1.0 / 6.0] = 0.0
+    points[face > 5.0 / 6.0] = 1.0
+    return points

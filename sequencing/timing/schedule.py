@@ -105,7 +105,7 @@ def schedule(
         safe = add("separated", lambda: separated_timing(prepared, geometry, fast))
         safe_case = cases[-1]
     total = safe.total_s
-    add("stretched", lambda: stretched_timing(prepared, windows, total))
+    stretched = add("stretched", lambda: stretched_timing(prepared, windows, total))
     if windows is not None:
         loose = add(
             "windows-no-collision", lambda: window_timing(prepared, windows, seed, None, params)
@@ -115,9 +115,13 @@ def schedule(
             safe, safe_case = tight, cases[-1]
     else:
         loose = safe
-    add("general-no-collision", lambda: general_timing(prepared, loose, seed, None))
+    others = [stretched] if windows is None else [stretched, fast]
+    relaxed = add(
+        "general-no-collision", lambda: general_timing(prepared, loose, seed, None, others)
+    )
     if safe_case.collisions == 0:
-        add("general", lambda: general_timing(prepared, safe, seed, geometry))
+        others.append(relaxed)
+        add("general", lambda: general_timing(prepared, safe, seed, geometry, others))
     allowed = [case for case in cases if case.collisions == 0]
     best = min(allowed or [safe_case], key=lambda case: case.energy_j)
     result = prepared.evaluate(best.timing.start_s, best.timing.override, best.timing.total_s)

@@ -9,6 +9,7 @@ hand-overs, and the same end of the process.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -146,15 +147,17 @@ def window_result(
     """One window: the trajectories `numbers`, one a robot, within `length_s`."""
     line = prepared.window(numbers, length_s)
     graph = slack_graph([[flat[k]] for k in numbers], (), length_s)
-    free = None if geometry is None else geometry.window(numbers, length_s).free
-    result = optimise_timing(line, graph, seed, free, params)
-    if geometry is not None and result.value_j > result.relaxed_j + 1e-9 * abs(result.relaxed_j):
-        # Capsules are in the way: see whether the solids are.
-        pairs = [(a, b) for k, a in enumerate(numbers) for b in numbers[k + 1 :]]
-        if geometry.sharpen(pairs):
-            free = geometry.window(numbers, length_s).free
-            result = optimise_timing(line, graph, seed, free, params)
-    return result
+    if geometry is None:
+        return optimise_timing(line, graph, seed, None, params)
+    while True:
+        check = geometry.window(numbers, length_s)
+        result = optimise_timing(line, graph, seed, check.free, params)
+        if result.value_j <= result.relaxed_j + 1e-9 * abs(result.relaxed_j):
+            return result
+        # Capsules are in the way of a better schedule: see whether the solids are.
+        meeting = check.collisions(*decode(graph, result.relaxed_z))
+        if not geometry.sharpen([(numbers[a], numbers[b]) for a, b in meeting]):
+            return result
 
 
 def general_timing(
@@ -162,14 +165,15 @@ def general_timing(
     start: Timing,
     seed: int,
     geometry: Geometry | None,
+    others: Sequence[Timing] = (),
     iterations: int = 150,
     rounds: int = 12,
 ) -> Timing:
     """The general problem, from an allowed schedule that it never becomes worse than.
 
-    Gradient descent over everything; trajectories that then meet are put back to where `start`
-    has them and frozen, and the rest is optimised again. What remains is an allowed schedule. The
-    frozen ones are at last moved one by one as far as the maps allow.
+    Gradient descent over everything from `start` and from `others` (any schedules of the same total
+    time); trajectories that then meet are put back to where `start` has them and frozen, and the
+    rest is optimised again, until what remains is an allowed schedule.
     """
     params = SearchParams(method="gradient", gradient_starts=1, gradient_iterations=iterations)
     line = prepared.timeline(start.total_s)
@@ -180,8 +184,8 @@ def general_timing(
     spent = 0
     for _ in range(rounds):
         graph = whole_graph(prepared, start.total_s, frozen)
-        begin = encode(graph, start.start_s, start.override)
-        found = optimise_timing(line, graph, seed, None, params, begin[None])
+        begin = [encode(graph, t.start_s, t.override) for t in (start, *others)]
+        found = optimise_timing(line, graph, seed, None, params, np.array(begin))
         spent += found.evaluations
         best = Timing(found.start_s, found.override, start.total_s, spent)
         meeting = [] if crossings is None else crossings.collisions(best.start_s, best.override)

@@ -1,6 +1,7 @@
 """Torque and power along a path against inverse dynamics; energies of whole timelines."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dmoc.drive import electrical_power_w
 from dmoc.robot import load_robot
 from dmoc.trapezoid import trapezoid_motion
 from sequencing.timing.dc_link import LinkParams
@@ -93,6 +95,22 @@ def test_a_wrench_adds_its_static_torque_only() -> None:
         work = wrench[:3] @ shift + wrench[3:] @ turn
         change = free.static_nm[k, j] - loaded.static_nm[k, j]
         assert change == pytest.approx(work, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["ur10e_class", "irb6640_class"])
+def test_the_kernel_is_the_drive_model(name) -> None:
+    robot = load_robot(name)
+    base = drive_of(robot)
+    drive = replace(base, root_friction_nm_s=np.arange(6.0), extra_inertia_kg_m2=np.full(6, 0.5))
+    motion = trapezoid_motion(robot, np.full(6, 0.1), np.array([0.9, -0.4, 0.3, 0.6, 0.2, 0.1]))
+    for params in (base, drive):
+        path = path_power(robot, motion, drive=params)
+        for override in (0.2, 1.0):
+            qd = override * path.velocity_rad_s
+            qdd = override**2 * path.acceleration_rad_s2
+            torque = path_torque_nm(path, override)
+            expected = electrical_power_w(qd, qdd, torque, params).sum(axis=1)
+            np.testing.assert_allclose(exact_power_w(path, override), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("override", [0.07, 0.3, 0.55, 0.9, 1.0])
