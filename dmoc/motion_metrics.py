@@ -28,7 +28,7 @@ from dmoc.drive import DriveParams, drive_from_mapping, electrical_power_w
 from dmoc.errors import Fault, ProblemError
 from dmoc.robot import Robot
 
-__all__ = ["METRICS", "Metric", "MotionState", "Pull", "metric_of", "settled"]
+__all__ = ["METRICS", "Metric", "MotionState", "Pull", "metric_of", "motor_current_a", "settled"]
 
 BUS_VOLTAGE_V = 48.0
 
@@ -113,6 +113,12 @@ def _gear_torque(p: DriveParams, state: MotionState, s: float) -> tuple[Array, A
         + p.viscous_nm_s * v
     )  # fmt: skip
     return torque, p.viscous_nm_s + level * slope + p.root_friction_nm_s * steep * sign
+
+
+def motor_current_a(params: DriveParams, state: MotionState) -> Array:
+    """Motor currents i = G/(n k_t) (..., n) [A], friction included, none of it at standstill."""
+    torque, _ = _gear_torque(params, state, 0.0)
+    return np.asarray(torque / (params.gear_ratio * params.torque_constant_nm_a))
 
 
 def _energy(robot: Robot) -> Metric:
