@@ -127,7 +127,7 @@ def _outers(costs: list[float], fraction: float) -> int:
 
 METHODS = {
     "boxes, knots only": ("boxes", RefineParams.paper()),
-    "boxes, sub-points": ("boxes", RefineParams(stop_fraction=1e-3, max_outer=60)),
+    "boxes, sub-points": ("boxes", RefineParams(stop_fraction=1e-3, max_outer=200)),
     "half-spaces 1 %": ("halfspaces", RefineParams.screening()),
     "half-spaces 0.3 %": ("halfspaces", RefineParams()),
 }

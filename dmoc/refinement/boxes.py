@@ -19,10 +19,16 @@ from dmoc.refinement.iterate import Points
 from dmoc.refinement.params import RefineParams
 from dmoc.refinement.points import View
 
-__all__ = ["box_half_widths"]
+__all__ = ["box_half_widths", "kept_level"]
 
-# A point that is nearer than d_c may still use this share of what lies above the floor.
+# A point that is nearer than d_c (its seed was) may still use this share of what it has above half
+# of d_c; a box of no width would leave the solver nothing to move.
 _TIGHT_SHARE = 0.5
+
+
+def kept_level(required: Array, params: RefineParams) -> Array:
+    """What points between the knots, and knots whose seed was too near, must keep (P,) [m]."""
+    return np.maximum(np.minimum(params.floor_m, required), 0.5 * required)
 
 
 def box_half_widths(
@@ -36,7 +42,7 @@ def box_half_widths(
     """Half-widths (N+1, n) [rad] of the boxes around the knots; 0 at fixed knots."""
     weights = np.maximum(clearance.weights(view.q_rad), 1e-9)
     above = view.phi_m - required
-    spare = np.where(above >= 0, above, _TIGHT_SHARE * (view.phi_m - params.floor_m))
+    spare = np.where(above >= 0, above, _TIGHT_SHARE * (view.phi_m - kept_level(required, params)))
     width = np.maximum(spare, 0.0)[:, None] / (weights.shape[1] * weights)
     half = np.full((len(fixed), weights.shape[1]), params.trust_most_rad)
     np.minimum.at(half, points.interval, width)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from dmoc.trajectory import JointPath, JointTrajectory
 __all__ = ["refine"]
 
 _NO_RISE_M = 1e-3
+_MOST_PUSHES = 8
 
 
 def refine(
@@ -101,21 +102,26 @@ class _Loop:
         start_trust = 1.0 if self.method == "boxes" else params.trust_rad
         trust = np.full(self.problem.num_intervals + 1, start_trust)
         iterate, view = first, look(self.clearance, first, points, params.cap_m)
-        history, used, outer = [first], 0, 0
+        used = 0
+        if self.method == "boxes":
+            iterate, view, used = self._freed(stage, iterate, view)
+        history, outer = [iterate], 0
         while True:
             iterate, view, trust, outer, spent, solution = self._descend(
                 stage, iterate, view, trust, outer, history
             )
             used += spent
-            certificate = None
+            last = None
             if solution is None or self._wants_tight(solution):
                 last = take_step(stage, iterate, view, trust, outer, params.tight)
                 used += last.solver_iterations
-                solution = last.solution
                 if last.accepted:
-                    iterate, view = last.iterate, last.view
-                    certificate = self.clearance.certify(iterate.trajectory(self.problem))
-            else:
+                    iterate, view, solution = last.iterate, last.view, last.solution
+            certificate = None
+            if solution is None:
+                assert last is not None
+                solution = last.solution
+            elif solution.max_defect <= params.largest_defect or (last and last.accepted):
                 certificate = self.clearance.certify(iterate.trajectory(self.problem))
             motion = _motion(self.problem, solution, certificate, used)
             if motion.certified or stage.repair >= params.repair_rounds:
@@ -168,6 +174,22 @@ class _Loop:
             if still and not (below_floor and risen > 0.1 * params.floor_m):
                 break
         return iterate, view, trust, outer, used, solution
+
+    def _freed(self, stage: Stage, iterate: Iterate, view: View) -> tuple[Iterate, View, int]:
+        """A seed that is free at all watched points, for boxes, which cannot leave a violation.
+
+        A path sampled on N knots may cut a corner; a few half-space steps push it out.
+        """
+        pushing = replace(stage, method="halfspaces")
+        trust = np.full(len(iterate.q_rad), self.params.trust_rad)
+        floor, used = np.minimum(self.params.floor_m, stage.required_m), 0
+        for _ in range(_MOST_PUSHES):
+            if not np.any(view.phi_m < floor):
+                break
+            step = take_step(pushing, iterate, view, trust, 0, self.params.loose)
+            used += step.solver_iterations
+            iterate, view, trust = step.iterate, step.view, step.trust_rad
+        return iterate, view, used
 
     def _wants_tight(self, solution: NlpSolution) -> bool:
         return self.params.always_tight or solution.max_defect > self.params.largest_defect

@@ -73,7 +73,7 @@ class RefineParams:
     @classmethod
     def paper(cls, **changes: Any) -> RefineParams:
         """The published form of the boxes: knots only, stop at 0.1 %, no repair."""
-        settings = cls(stop_fraction=1e-3, fractions=(0.0,), repair_rounds=0, max_outer=60)
+        settings = cls(stop_fraction=1e-3, fractions=(0.0,), repair_rounds=0, max_outer=200)
         return replace(settings, **changes)
 
     def replace(self, **changes: Any) -> RefineParams:

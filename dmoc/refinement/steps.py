@@ -12,7 +12,7 @@ from dmoc.clearance import Clearance
 from dmoc.motion import MotionProblem
 from dmoc.nlp import solve_nlp
 from dmoc.nlp_types import Box, IpoptParams, NlpSolution, PathRows
-from dmoc.refinement.boxes import box_half_widths
+from dmoc.refinement.boxes import box_half_widths, kept_level
 from dmoc.refinement.halfspaces import half_spaces
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 from dmoc.refinement.params import Method, RefineParams, RefineRecord, Trace
@@ -154,11 +154,14 @@ def _box(problem: MotionProblem, iterate: Iterate, half: Array) -> Box:
 
 def _threshold(stage: Stage, view: View) -> Array:
     """What a candidate must keep at every point (P,)."""
-    floor = np.minimum(stage.params.floor_m, stage.required_m)
     if stage.method == "halfspaces":
+        floor = np.minimum(stage.params.floor_m, stage.required_m)
         return np.minimum(floor, view.phi_m - _SAME_M)
-    demanded = np.where(stage.points.fraction == 0, stage.required_m, floor)
-    return np.minimum(demanded, view.phi_m) - 1e-7
+    free = np.where(stage.points.fraction == 0, stage.required_m - 1e-7, 0.8 * stage.required_m)
+    # What was too near from the start may come nearer by a hair a step, but not to the floor.
+    hair = np.maximum(view.phi_m - _SAME_M, np.minimum(view.phi_m, 2 * stage.params.floor_m))
+    near = np.minimum(kept_level(stage.required_m, stage.params), hair)
+    return np.where(view.phi_m >= stage.required_m, free, near)
 
 
 def _shrunk(
