@@ -67,7 +67,7 @@ class LazyRound:
         return relative_gap(self.upper_bound, self.lower_bound)
 
     @property
-    def conditionalrelative_gap(self) -> float:
+    def conditional_gap(self) -> float:
         """The same against the conditional bound."""
         return relative_gap(self.upper_bound, self.conditional_bound)
 
@@ -94,7 +94,7 @@ class LazyResult:
     known: Mapping[tuple[int, int], float] = field(repr=False)
 
     @property
-    def conditionalrelative_gap(self) -> float:
+    def conditional_gap(self) -> float:
         return relative_gap(self.tour.cost, self.conditional_bound)
 
 
