@@ -80,6 +80,11 @@ obstacles:
             f"  - {{name: clamp_{number}, box_m: [0.08, 0.08, 0.35], "
             f"pose: {{position_m: [{centre[0]:.6g}, {centre[1]:.6g}, {centre[2]:.6g}]}}}}\n"
         )
+    height = 0.70 + part[2]
+    text += (
+        f"  - {{name: fixture, box_m: [1.2, 1.9, {height:.6g}], pose: {{position_m: "
+        f"[{1.91 + part[0]:.6g}, 0, {height / 2:.6g}]}}}}\n"
+    )
     return text + ("  - {name: ground, box_m: [7, 6, 0.1], pose: {position_m: [1.2, 0, -0.05]}}\n")
 
 
