@@ -46,7 +46,8 @@ def variable_bounds(
     if problem.duration_s is not None:
         h = (problem.duration_s / count,) * 2
     one = np.ones((count, problem.robot.num_joints))
-    v = (problem.goal_velocity_rad_s,) * 2
+    goal_velocity = np.asarray(problem.goal_velocity_rad_s)
+    v = (goal_velocity, goal_velocity)
     if problem.limits.free_goal_velocity:
         v = (-problem.robot.velocity_limit_rad_s, problem.robot.velocity_limit_rad_s)
     last = slice(None) if layout.end_velocity else slice(0, 0)
@@ -90,10 +91,12 @@ def row_bounds(
             if name in motion.rows:
                 place = motion.rows[name][rows]
                 lower[place], upper[place] = -np.inf, np.inf
-    for kind, constraints in (("path", limits.path), ("end", limits.end)):
-        for i, constraint in enumerate(constraints):
-            place = motion.rows[f"{kind}{i}"]
-            lower[place], upper[place] = constraint.lower, constraint.upper
+    for i, constraint in enumerate(limits.path):
+        place = motion.rows[f"path{i}"]
+        lower[place], upper[place] = constraint.lower, constraint.upper
+    for i, condition in enumerate(limits.end):
+        place = motion.rows[f"end{i}"]
+        lower[place], upper[place] = condition.lower, condition.upper
     return lower, upper
 
 

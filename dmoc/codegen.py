@@ -104,7 +104,7 @@ def library_for(functions: Sequence[ca.Function]) -> Library:
     digest = hashlib.sha256()
     for function in functions:
         digest.update(function.serialize().encode())
-    for text in (*FLAGS, ca.__version__, platform.machine(), sys.platform):
+    for text in (*FLAGS, ca.CasadiMeta.version(), platform.machine(), sys.platform):
         digest.update(text.encode())
     return Library(tuple(functions), cache_folder() / f"{digest.hexdigest()[:40]}.so")
 

@@ -137,11 +137,13 @@ class MotionLimits:
     @property
     def shape(self) -> tuple[Any, ...]:
         """What of these limits changes the programme and not just its parameters."""
-        functions = [*self.path, *self.end, *([self.end_cost] if self.end_cost else [])]
+        functions = [item.function for item in self.path]
+        functions += [item.function for item in self.end]
+        functions += [self.end_cost.function] if self.end_cost else []
         return (
             self.jerk_rad_s3 is not None, self.rms_torque_nm is not None,
             self.torque_speed is not None, self.needs_end_state, len(self.path), len(self.end),
-            *(_fingerprint(item.function) for item in functions),
+            *(_fingerprint(function) for function in functions),
         )  # fmt: skip
 
 

@@ -131,6 +131,8 @@ def _solve_once(
     half, lower_half = half_space_params(problem, rows, families.half_spaces)
     lbx, ubx = variable_bounds(problem, motion, box)
     lbg, ubg = row_bounds(problem, motion, lower_half)
+    if np.any(lbx > ubx) or np.any(lbg > ubg):
+        return _hopeless(problem, guess, families)
     x0 = layout.pack(guess.q_rad, guess.torque_nm / robot.torque_limit_nm, guess.step_s)
     arguments = {
         "x0": np.clip(x0, lbx, ubx), "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg,
@@ -166,6 +168,18 @@ def _solve_once(
         multipliers=Multipliers(
             np.array(result["lam_x"]).ravel(), np.array(result["lam_g"]).ravel(), families
         ),
+    )  # fmt: skip
+
+
+def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSolution:
+    """What a box or rows without any point inside come to: the guess, called infeasible."""
+    q, h = guess.q_rad, guess.step_s
+    left, right = residuals(problem, q, guess.torque_nm, h)
+    return NlpSolution(
+        status=Status.INFEASIBLE, q_rad=q, torque_nm=guess.torque_nm, step_s=h,
+        velocity_rad_s=knot_velocities(problem.robot, q, left, right), cost=float("inf"),
+        smoothing_cost=0.0, iterations=0, max_defect=max_defect(problem, q, left, right, h),
+        multipliers=None,
     )  # fmt: skip
 
 

@@ -9,20 +9,33 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
+from dmoc.errors import Fault, ProblemError
 from dmoc.status import Status
 
 __all__ = ["DEFAULT_PARAMS", "Box", "Guess", "IpoptParams", "NlpSolution", "PathRows"]
 
+SOLVERS = ("ipopt",)
+
 
 @dataclass(frozen=True)
 class IpoptParams:
-    """Options of a solve. `tolerance` is Ipopt's `tol` on the scaled problem."""
+    """Options of a solve. `tolerance` is Ipopt's `tol` on the scaled problem.
+
+    `solver` is `ipopt`; anything else is refused.
+    """
 
     tolerance: float = 1e-6
     acceptable_tolerance: float = 1e-4
     acceptable_iterations: int = 15
     max_iterations: int = 300
     solver: str = "ipopt"
+
+    def __post_init__(self) -> None:
+        if self.solver not in SOLVERS:
+            raise ProblemError(
+                Fault("solver", field="params.solver", value=self.solver,
+                      legal=", ".join(SOLVERS), fix="leave it out")
+            )  # fmt: skip
 
 
 DEFAULT_PARAMS = IpoptParams()

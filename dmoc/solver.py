@@ -71,7 +71,7 @@ def _best_of_guesses(problem: MotionProblem, params: IpoptParams, seed: int) -> 
 def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motion:
     """A `Motion` from what the programme's solver returned."""
     trajectory = JointTrajectory(
-        t_s=solution.step_s * np.arange(problem.num_intervals + 1), q_rad=solution.q_rad,
+        t_s=solution.step_s * np.arange(problem.num_intervals + 1.0), q_rad=solution.q_rad,
         velocity_rad_s=solution.velocity_rad_s, torque_nm=solution.torque_nm,
         robot=problem.robot,
     )  # fmt: skip

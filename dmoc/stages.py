@@ -93,7 +93,9 @@ def dynamics_stage(arm: ArmModel, with_wrench: bool) -> Stage:
     z, qa, qb, u, h = local_interval(n)
     scale, u_max = ca.SX.sym("scale", n), ca.SX.sym("u_max", n)
     wrench = ca.SX.sym("wrench", 6) if with_wrench else None
-    theta = ca.vertcat(scale, u_max, wrench) if with_wrench else ca.vertcat(scale, u_max)
+    theta = ca.vertcat(scale, u_max)
+    if wrench is not None:
+        theta = ca.vertcat(theta, wrench)
     lam, q, v = ca.SX.sym("lam", 2 * n), ca.SX.sym("q", n), ca.SX.sym("v", n)
     rows = del_rows(arm, qa, qb, u * u_max, h, scale, wrench)
     jac = del_rows_jacobian(arm, u * u_max, u_max, h, scale, q, v, wrench)

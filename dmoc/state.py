@@ -64,14 +64,14 @@ def wrench_torque(robot: Robot, q: Array, wrench: Array) -> Array:
     jacobian = pin.getJointJacobian(robot.model, data, joint, pin.LOCAL_WORLD_ALIGNED)
     lever = data.oMi[joint].rotation @ (frame.placement * robot.tool.tip).translation
     moment = wrench[3:] + np.cross(lever, wrench[:3])
-    return jacobian.T @ np.concatenate([wrench[:3], moment])
+    return np.asarray(jacobian).T @ np.concatenate([wrench[:3], moment])
 
 
 def knot_velocities(robot: Robot, q: Array, left: Array, right: Array) -> Array:
     """q̇_k = M(q_k)⁻¹ p_k (N+1, n) [rad/s] by the discrete Legendre transforms."""
     p = np.vstack([-left, right[-1:]])
     p[1:-1] = (p[1:-1] + right[:-1]) / 2
-    return np.linalg.solve(mass_matrices(robot, q), p[..., None])[..., 0]
+    return np.array(np.linalg.solve(mass_matrices(robot, q), p[..., None])[..., 0], dtype=float)
 
 
 def max_defect(problem: MotionProblem, q: Array, left: Array, right: Array, h: float) -> float:

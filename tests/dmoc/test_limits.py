@@ -11,7 +11,7 @@ from dmoc.drive import drive_from_mapping, electrical_power_w
 from dmoc.errors import ProblemError
 from dmoc.guess import guess_from_trajectory, straight_guess
 from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Box, PathRows
+from dmoc.nlp_types import Box, IpoptParams, PathRows
 from dmoc.resimulation import replay_motion
 from dmoc.robot import load_robot
 from dmoc.solver import solve
@@ -227,3 +227,13 @@ def test_bad_functions_are_named() -> None:
     three = ca.Function("f", [a, b, c], [a])
     with pytest.raises(ProblemError, match="constraint-range"):
         PathConstraint(three, 1.0, 0.0)
+
+
+def test_a_box_without_a_point_is_infeasible(problem) -> None:
+    upside_down = Box(np.full((41, 3), 0.5), np.full((41, 3), -0.5))
+    assert solve_nlp(problem, straight_guess(problem), box=upside_down).status is Status.INFEASIBLE
+
+
+def test_an_unknown_solver_is_refused() -> None:
+    with pytest.raises(ProblemError, match="params.solver"):
+        IpoptParams(solver="magic")
