@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from dmoc.arrays import Array, readonly
 from dmoc.errors import Fault, MeshError
-from planning.mesh_file import MeshSyntaxError, read_triangles
 from dmoc.paths import confined
+from planning.mesh_file import MeshSyntaxError, read_triangles
 
 __all__ = ["UNITS", "Mesh", "is_watertight", "load_mesh"]
 

@@ -14,15 +14,15 @@ from pydantic import TypeAdapter, ValidationError
 from dmoc.arrays import Array, readonly
 from dmoc.cost import Cost
 from dmoc.errors import DmocError, Fault, InputError
-from dmoc.robot import Robot
-from planning.nearest import body_distance_m
 from dmoc.paths import confined
+from dmoc.robot import Robot
+from dmoc.yaml_file import FieldPath, YamlTree, field_name, read_yaml
+from planning.nearest import body_distance_m
 from planning.shapes import Body
 from planning.station import Station
 from planning.station_file import ObstacleEntry, RobotEntry, StationFile, ToolEntry, faults_of
 from planning.station_parts import Refuse, build_obstacle, build_robot, build_tool
 from planning.studs import Departure, Stud, read_studs
-from dmoc.yaml_file import FieldPath, YamlTree, field_name, read_yaml
 
 __all__ = ["build_station"]
 
