@@ -235,5 +235,5 @@ def test_a_box_without_a_point_is_infeasible(problem) -> None:
 
 
 def test_an_unknown_solver_is_refused() -> None:
-    with pytest.raises(ProblemError, match="params.solver"):
+    with pytest.raises(ProblemError, match=r"params\.solver"):
         IpoptParams(solver="magic")
