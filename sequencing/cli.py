@@ -163,7 +163,7 @@ def schedule(
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(help="stud-welding or pallet-cell.")],
+    name: Annotated[str, typer.Argument(help="stud-welding, pallet-cell or ur3.")],
     station: Annotated[str, typer.Option(help="Station of stud-welding: A, B or C.")] = "A",
     seed: Seed = 0,
     out: Out = None,
@@ -179,7 +179,8 @@ def study(
 @app.command()
 def export(
     run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
-    format: Annotated[str, typer.Option(help="csv, ros, urscript, rapid or krl.")] = "csv",
+    format: Annotated[str, typer.Option(help="csv, ros, rtde, urscript, rapid or krl.")] = "csv",
+    step: Annotated[float | None, typer.Option(help="Sampling of streamed formats [s].")] = None,
     out: Out = None,
     json: Json = False,
     seed: Seed = 0,
@@ -188,7 +189,7 @@ def export(
     from sequencing.commands.runs import run_export
 
     del seed
-    _finish(json, lambda console: run_export(console, run, format, out))
+    _finish(json, lambda console: run_export(console, run, format, step, out))
 
 
 @app.command()
@@ -218,6 +219,21 @@ def compare(
 
     del seed
     _finish(json, lambda console: run_compare(console, first, second, out))
+
+
+@app.command()
+def measured(
+    log: Annotated[Path, typer.Argument(help="Log of a controller (CSV).")],
+    run: Annotated[Path, typer.Argument(help="Folder of the run that was driven.")],
+    out: Out = None,
+    json: Json = False,
+    seed: Seed = 0,
+) -> None:
+    """Compare a controller's log with the plan: time, position, current, energy."""
+    from sequencing.commands.measured import run_measured
+
+    del seed
+    _finish(json, lambda console: run_measured(console, log, run, out))
 
 
 @app.command()

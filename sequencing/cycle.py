@@ -62,7 +62,7 @@ class PlanStop:
     training_edges: int | None = None
     conditional_gap: float = 0.01
     max_evaluations: int | None = None
-    baseline_draws: int = 7
+    baseline_draws: int = 5
 
     def training(self, num_studs: int) -> int:
         """Number of training edges for a station of `num_studs` studs."""
@@ -296,15 +296,17 @@ def _tables(
 ) -> Tables:
     rows = []
     for item in found:
-        costs = [alternative.weld_cost for alternative in item.alternatives]
-        if costs:
-            rows.append(StudRow(item.stud.id, len(costs), min(costs), max(costs)))
-    reference = best.cost
-    totals: tuple[float, ...] = (best.cost.total,)
-    if old:
-        totals = tuple(sequence.cost.total for sequence in old)
-        median = old[len(old) // 2]
-        executed, failed = execute(oracle, Tour(median.nodes, median.cost.total))
-        # A time-based sequence whose final motions fail keeps its screening cost.
-        reference = median.cost if failed else executed.cost
-    return Tables(tuple(rows), reference, totals, best.cost)
+        welds = [alternative.weld_cost for alternative in item.alternatives]
+        if welds:
+            rows.append(StudRow(item.stud.id, len(welds), min(welds), max(welds)))
+    costs = sorted(
+        (_final_cost(oracle, sequence) for sequence in old), key=lambda cost: cost.total
+    ) or [best.cost]  # fmt: skip
+    totals = tuple(cost.total for cost in costs)
+    return Tables(tuple(rows), costs[len(costs) // 2], totals, best.cost)
+
+
+def _final_cost(oracle: StationEdges, sequence: TimedSequence) -> CycleCost:
+    """The sequence with final motions; its screening cost where one of them is not certified."""
+    executed, failed = execute(oracle, Tour(sequence.nodes, sequence.cost.total))
+    return sequence.cost if failed else executed.cost

@@ -13,6 +13,7 @@ from sequencing.commands.workers import worker_pool
 from sequencing.cycle import NoCycle, PlanStop, plan_station
 from sequencing.cycle_types import Cycle
 from sequencing.report.curves import write_curves
+from sequencing.report.html import write_report
 from sequencing.report.progress import plan_progress
 from sequencing.report.scene import write_scene
 from sequencing.run_files import read_run, write_run
@@ -69,11 +70,13 @@ def run_plan(
     run = read_run(folder, station.robot)
     write_curves(run.timeline, station.robot, folder / "curves.png", station.name)
     write_scene(station, run.timeline, folder / "scene.html", station.name)
+    write_report(run, station.robot, folder / "report.html")
     wall = time.perf_counter() - began
     write_run(cycle, folder, _timing(planned, wall))
     console.show((folder / "tables.md").read_text(encoding="utf-8"))
     console.show(
-        f"written to {folder}: tables.md, curves.png, scene.html, result.json, motions.npz"
+        f"written to {folder}: tables.md, report.html, scene.html, curves.png, result.json, "
+        "motions.npz"
     )
     return Outcome(headline(cycle, wall, folder), 0 if not cycle.unreachable else 3)
 

@@ -10,16 +10,20 @@ from dmoc.robot import Robot
 from sequencing.commands.console import Console, Outcome, plain
 from sequencing.export.exporting import export_run
 from sequencing.report.curves import write_curves
+from sequencing.report.html import write_report
 from sequencing.report.scene import write_scene
-from sequencing.run_compare import compare_runs
+from sequencing.run_compare import compare_runs, comparison_text
 from sequencing.run_files import Run, read_run
+from sequencing.run_station import station_of
 
 __all__ = ["run_compare", "run_export", "run_view"]
 
 
-def run_export(console: Console, run_dir: Path, format: str, out: Path | None) -> Outcome:
+def run_export(
+    console: Console, run_dir: Path, format: str, step_s: float | None, out: Path | None
+) -> Outcome:
     """Write controller files; limits that are exceeded refuse the export (exit 2)."""
-    export = export_run(read_run(run_dir), format, out or run_dir / "export")
+    export = export_run(read_run(run_dir), format, out or run_dir / "export", step_s)
     for path in export.files:
         console.show(f"wrote {path}")
     console.show(export.statement)
@@ -31,15 +35,14 @@ def run_export(console: Console, run_dir: Path, format: str, out: Path | None) -
 
 def run_view(console: Console, run_dir: Path, out: Path | None) -> Outcome:
     """Write curves and scene of a run anew."""
-    from sequencing.commands.plan import open_station
-
     run = read_run(run_dir)
     robot = _robot(run)
     folder = out or run_dir
     folder.mkdir(parents=True, exist_ok=True)
     files = [write_curves(run.timeline, robot, folder / "curves.png", run.name)]
-    station = open_station(run.name)
+    station = station_of(run)
     files.append(write_scene(station, run.timeline, folder / "scene.html", run.name))
+    files.append(write_report(run, robot, folder / "report.html"))
     for path in files:
         console.show(f"wrote {path}")
     return Outcome({"files": [str(path) for path in files]})
@@ -48,8 +51,7 @@ def run_view(console: Console, run_dir: Path, out: Path | None) -> Outcome:
 def run_compare(console: Console, first: Path, second: Path, out: Path | None) -> Outcome:
     """Costs of two runs side by side."""
     data = compare_runs(read_run(first), read_run(second))
-    for key, value in data.items():
-        console.show(f"{key}: {value}")
+    console.show(comparison_text(data))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "compare.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")

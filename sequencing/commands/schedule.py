@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import planning
 from dmoc.status import Status
 from sequencing.commands.console import Console, Outcome, plain
 from sequencing.report.tables import markdown_table, number
@@ -16,7 +17,8 @@ __all__ = ["cases_table", "run_schedule_command"]
 
 def run_schedule_command(console: Console, cell: str, seed: int, out: Path | None) -> Outcome:
     """Baselines and optimised timings of a cell.yaml; exit 3 where every timing collides."""
-    data = run_schedule(cell, seed, progress=console.say)
+    embedded = Path(planning.__file__).parent / "stations" / cell / "cell.yaml"
+    data = run_schedule(embedded if embedded.is_file() else cell, seed, progress=console.say)
     console.show(cases_table(data["cases"]))
     console.show(f"best: {data['best']}, {number(data['energy_j'])} J")
     if out is not None:

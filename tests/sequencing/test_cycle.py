@@ -1,0 +1,197 @@
+"""The whole way on a small station: certified cycle, resumable, equal whatever runs the edges."""
+
+from __future__ import annotations
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+
+from planning.station import Station, demo_station
+from planning.world import CollisionWorld
+from sequencing.cycle import NoCycle, PlanStop, plan_station
+from sequencing.cycle_types import Cycle
+from sequencing.edges import StationEdges
+from sequencing.lazy import LazyStop, solve_lazily
+from sequencing.nodes import station_nodes
+from sequencing.run_files import write_run
+from sequencing.store import EdgeStore
+
+STOP = PlanStop(training_edges=10, baseline_draws=2)
+
+
+def small_station(count: int = 3, spin_steps: int = 3) -> Station:
+    whole = demo_station("stud_welding_a_8")
+    return replace(whole, studs=whole.studs[:count], spin_steps=spin_steps, precedence=())
+
+
+@pytest.fixture(scope="module")
+def station() -> Station:
+    return small_station()
+
+
+@pytest.fixture(scope="module")
+def store_path(tmp_path_factory):
+    return tmp_path_factory.mktemp("store") / "edges.sqlite"
+
+
+@pytest.fixture(scope="module")
+def cycle(station, store_path) -> Cycle:
+    return plan_station(station, stop=STOP, store=store_path)
+
+
+def test_every_stud_once_and_home_at_both_ends(cycle, station) -> None:
+    assert sorted(weld.stud for weld in cycle.welds) == sorted(stud.id for stud in station.studs)
+    assert [m.origin for m in cycle.motions[1:]] == [w.stud for w in cycle.welds]
+    assert [m.target for m in cycle.motions[:-1]] == [w.stud for w in cycle.welds]
+    assert cycle.motions[0].origin == cycle.motions[-1].target == "home"
+    assert [m.kind for m in cycle.motions] == ["home", "travel", "travel", "home"]
+
+
+def test_every_motion_is_certified_and_meets_the_discrete_equations(cycle) -> None:
+    for item in cycle.motions:
+        assert item.motion.certified
+        if item.motion.source == "refined":
+            assert item.motion.max_defect <= 1e-6
+            assert item.motion.trajectory.num_intervals == 40
+
+
+def test_motions_join_at_rest(cycle) -> None:
+    poses = {weld.stud: weld.q_rad for weld in cycle.welds} | {"home": cycle.station.home_rad}
+    for item in cycle.motions:
+        trajectory = item.motion.trajectory
+        np.testing.assert_allclose(trajectory.q_rad[0], poses[item.origin], atol=1e-9)
+        np.testing.assert_allclose(trajectory.q_rad[-1], poses[item.target], atol=1e-9)
+        assert np.abs(trajectory.velocity_rad_s[[0, -1]]).max() < 1e-6
+
+
+def test_another_engine_sees_no_contact_away_from_the_welds(cycle, station) -> None:
+    world = CollisionWorld(station, engine="fcl")
+    for item in cycle.motions:
+        trajectory = item.motion.trajectory
+        times = np.arange(0.0, trajectory.duration_s, 0.01)
+        away = (times > 0.3) & (times < trajectory.duration_s - 0.3)
+        for q in trajectory.sample(times[away]).q_rad:
+            assert world.collide(q) is None
+
+
+def test_costs_add_up(cycle) -> None:
+    tables = cycle.tables
+    travel = sum(item.motion.cost for item in cycle.motions)
+    welding = sum(weld.cost for weld in cycle.welds)
+    assert tables.energy_based.travel == pytest.approx(travel)
+    assert tables.energy_based.welding == pytest.approx(welding)
+    station = cycle.station
+    for weld in cycle.welds:
+        torque = station.robot.gravity_torque_nm(weld.q_rad)
+        rate = station.cost.time + station.cost.effort * float(torque @ torque)
+        assert weld.cost == pytest.approx(weld.time_s * rate)
+
+
+def test_new_is_no_worse_than_old_and_bounds_hold(cycle) -> None:
+    assert cycle.tables.energy_based.total <= cycle.tables.time_based.total * 1.01
+    assert cycle.search.bound_is_proven
+    assert cycle.search.lower_bound <= cycle.tour.cost * (1 + 1e-9)
+
+
+def test_a_second_run_solves_nothing_and_gives_the_same_bytes(
+    cycle, station, store_path, tmp_path
+) -> None:
+    with EdgeStore(store_path) as store:
+        before = len(store)
+        again = plan_station(station, stop=STOP, store=store)
+        assert len(store) == before
+    write_run(cycle, tmp_path / "a", {})
+    write_run(again, tmp_path / "b", {})
+    for name in ("result.json", "motions.npz", "tables.md"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_two_processes_give_the_same_bytes(cycle, station, tmp_path) -> None:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, mp_context=context) as executor:
+        parallel = plan_station(
+            station, stop=STOP, store=tmp_path / "edges.sqlite", executor=executor
+        )
+    write_run(cycle, tmp_path / "a", {})
+    write_run(parallel, tmp_path / "b", {})
+    for name in ("result.json", "motions.npz"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_lazy_finds_the_optimum_of_the_full_matrix(station, store_path) -> None:
+    """Every edge solved and every tour enumerated: nothing is cheaper than what lazy finds."""
+    world = CollisionWorld(station)
+    from planning.alternatives_search import alternatives
+
+    found = alternatives(station, world)
+    few = tuple(replace(item, alternatives=item.alternatives[:2]) for item in found)
+    nodes = station_nodes(station, few)
+    with EdgeStore(store_path) as store:
+        oracle = StationEdges(station, world, nodes, store)
+        try:
+            base = nodes.problem(np.zeros((nodes.num_nodes,) * 2), station)
+            lazy = solve_lazily(base, oracle, LazyStop(0.0), symmetric=True)
+            oracle.evaluate(nodes.usable_pairs())
+            assert lazy.status == "proven"
+            best = min(
+                _tour_cost(oracle, order)
+                for clusters in permutations(range(len(nodes.studs)))
+                for order in product(*(np.flatnonzero(nodes.cluster_of == c) for c in clusters))
+            )
+            assert lazy.tour.cost == pytest.approx(best, rel=1e-9)
+            pairs = nodes.usable_pairs()
+            solved = np.array([oracle.costs[(int(i), int(j))] for i, j in pairs])
+            assert np.all(oracle.bound(pairs) <= solved * (1 + 1e-9))
+        finally:
+            oracle.close()
+
+
+def _tour_cost(oracle: StationEdges, order: tuple[int, ...]) -> float:
+    nodes = oracle.nodes
+    stops = [nodes.home, *order, nodes.home]
+    travel = sum(oracle.costs[tuple(sorted(pair))] for pair in zip(stops, stops[1:]))
+    return float(travel + nodes.weld_cost[list(order)].sum())
+
+
+def test_boxes_end_certified() -> None:
+    cycle = plan_station(
+        small_station(2, 2), method="boxes", stop=PlanStop(training_edges=3, baseline_draws=1)
+    )
+    assert cycle.method == "boxes"
+    assert all(item.motion.certified for item in cycle.motions)
+
+
+def test_without_home_the_cycle_closes_on_the_first_weld(store_path) -> None:
+    station = replace(small_station(), home_rad=None)
+    cycle = plan_station(station, stop=STOP, store=store_path)
+    assert len(cycle.motions) == len(cycle.welds) == 3
+    assert cycle.motions[-1].target == cycle.welds[0].stud
+    assert {item.kind for item in cycle.motions} == {"travel"}
+
+
+def test_precedence_is_kept(station, store_path) -> None:
+    first, _, last = (stud.id for stud in station.studs)
+    for pair in ((first, last), (last, first)):
+        cycle = plan_station(replace(station, precedence=(pair,)), stop=STOP, store=store_path)
+        order = [weld.stud for weld in cycle.welds]
+        assert order.index(pair[0]) < order.index(pair[1])
+
+
+def test_a_stud_out_of_reach_is_left_out_with_its_reason(station, store_path) -> None:
+    far = replace(station.studs[0], position_m=np.array([9.0, 0.0, 0.8]))
+    cycle = plan_station(
+        replace(station, studs=(far, *station.studs[1:])), stop=STOP, store=store_path
+    )
+    assert [stud for stud, _ in cycle.unreachable] == [far.id]
+    assert "unreachable" in cycle.unreachable[0][1]
+    assert len(cycle.welds) == 2
+
+
+def test_nothing_reachable_is_no_cycle(station) -> None:
+    studs = tuple(replace(s, position_m=np.array([9.0, 0.0, 0.8])) for s in station.studs)
+    with pytest.raises(NoCycle, match="unreachable"):
+        plan_station(replace(station, studs=studs), stop=STOP)
