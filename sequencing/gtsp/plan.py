@@ -19,7 +19,10 @@ class Plan:
     def of(clusters: int, effort: str, iterations: int | None) -> Plan:
         """The plan for a problem; `iterations` overrides what the effort says."""
         if iterations is None:
-            normal = 60_000 + 1500 * clusters if clusters <= 60 else min(5000 * clusters, 1_200_000)
+            if clusters <= 60:
+                normal = 60_000 + 1500 * clusters
+            else:
+                normal = 7500 * clusters if clusters <= 120 else min(20_000 * clusters, 3_000_000)
             factor = {"quick": QUICK, "normal": 1.0, "thorough": THOROUGH}[effort]
             iterations = int(normal * factor)
         child = 1500 if clusters <= 60 else 2000
