@@ -13,6 +13,7 @@ import numpy as np
 
 from dmoc.errors import Fault, ProblemError
 from dmoc.motion import Motion
+from dmoc.refinement.params import Method
 from planning.alternative import StudAlternatives
 from planning.alternatives_search import alternatives
 from planning.station import Station
@@ -86,7 +87,7 @@ def plan_station(
     station: Station,
     *,
     seed: int = 0,
-    method: str = "halfspaces",
+    method: Method = "halfspaces",
     stop: PlanStop | None = None,
     executor: Executor | None = None,
     store: EdgeStore | Path | None = None,

@@ -106,8 +106,10 @@ def edge_motion(
         None if target is None else _line(station, target, goal),
         NUM_INTERVALS[job.quality],
     )  # fmt: skip
-    lines = [weld_line(station, stud) for stud in (origin, target) if stud is not None]
-    clearance = world.clearance(*lines)
+    clearance = world.clearance(
+        start_line=None if origin is None or not origin.on else weld_line(station, origin),
+        goal_line=None if target is None or not target.on else weld_line(station, target),
+    )
     if job.screened is not None:
         screened = decode_motion(job.screened, station.robot)
         if screened.source == "refined" and screened.trajectory is not None:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from dmoc.arrays import Array
 from dmoc.cost import Cost
 from dmoc.motion import Motion
+from dmoc.refinement.params import Method
 from planning.station import Station
 from planning.world import CollisionWorld
 from sequencing.edge_worker import (
@@ -79,7 +80,7 @@ class StationEdges:
         store: EdgeStore,
         *,
         seed: int = 0,
-        method: str = "halfspaces",
+        method: Method = "halfspaces",
         executor: Executor | None = None,
         progress: Callable[[EdgeEvent], None] | None = None,
     ) -> None:

@@ -75,7 +75,7 @@ class StationNodes:
 def station_nodes(station: Station, found: Sequence[StudAlternatives]) -> StationNodes:
     """Flatten the alternatives of the studs that have any; add home as a cluster of its own."""
     rows, ends, costs, cluster, names, numbers = [], [], [], [], [], []
-    studs = []
+    studs: list[str] = []
     for item in found:
         if not item.alternatives:
             continue

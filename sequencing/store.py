@@ -49,7 +49,7 @@ def decode_motion(payload: bytes, robot: Robot) -> Motion:
         meta = json.loads(str(archive["meta"]))
         trajectory = None
         if "t_s" in archive:
-            trajectory = JointTrajectory(*(archive[name] for name in _ARRAYS), robot=robot)
+            trajectory = JointTrajectory(**{name: archive[name] for name in _ARRAYS}, robot=robot)
     status, source = Status(meta.pop("status")), meta.pop("source")
     return Motion(status=status, source=source, trajectory=trajectory, **meta)
 

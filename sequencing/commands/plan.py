@@ -5,8 +5,9 @@ from __future__ import annotations
 import resource
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from dmoc.refinement.params import Method
 from planning.station import Station, available_stations, demo_station, load_station
 from sequencing.commands.console import Console, Outcome
 from sequencing.commands.workers import worker_pool
@@ -58,8 +59,8 @@ def run_plan(
             plan_progress() as progress,
         ):
             cycle = plan_station(
-                station, seed=seed, method=method, stop=stop, executor=executor, store=store,
-                progress=progress,
+                station, seed=seed, method=cast(Method, method), stop=stop,
+                executor=executor, store=store, progress=progress,
             )  # fmt: skip
     except NoCycle as none:
         for key, reason in none.reasons.items():

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from dmoc.errors import Fault, InputError
 from sequencing.commands.console import Console, Outcome, plain
+from sequencing.report.tables import markdown_table, number
 
 __all__ = ["run_study"]
 
@@ -59,8 +61,24 @@ def _pallet_cell(console: Console, seed: int) -> Outcome:
 
 
 def _ur3(console: Console, seed: int, folder: Path) -> Outcome:
-    from sequencing.studies.ur3 import run_ur3_study, study_table
+    from sequencing.studies.ur3 import run_ur3_study
 
     data = run_ur3_study(seed, folder, progress=console.say)
-    console.show(study_table(data))
+    console.show(_ur3_table(data["movements"]))
     return Outcome(data)
+
+
+def _ur3_table(movements: list[dict[str, Any]]) -> str:
+    rows = []
+    for move in movements:
+        for name, metric in move["metrics"].items():
+            rows.append(
+                [move["name"], name, number(metric["baseline_j"]),
+                 number(metric["swarm"]["median_saving_percent"]),
+                 number(metric["gradient"]["saving_percent"]),
+                 number(metric["physical_saving_with_base_percent"], 2),
+                 number(move["paper_saving_percent"])]
+            )  # fmt: skip
+    header = ("move", "metric", "baseline J", "swarm saving % (median)", "gradient saving %",
+              "physical saving with base %", "paper saving %")  # fmt: skip
+    return markdown_table(header, rows)
