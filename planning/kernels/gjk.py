@@ -156,6 +156,7 @@ def gjk(
     lam, weight = s[0, 9:13], s[1, 9:13]
     count = 0
     hint_a = hint_b = -1
+    pax = pay = paz = pbx = pby = pbz = 0.0
     lower, upper = -1e300, 1e300
     status = OPEN
     for _ in range(MAX_ITERATIONS):
@@ -165,25 +166,23 @@ def gjk(
             upper = min(upper, norm - margin)
             status = HIT
             break
-        # Support of A along −v and of B along +v, in the pieces' own frames.
-        ax, ay, az, hint_a = support(
-            info, size, verts, near_start, near, a,
-            -(pose[a, 0] * vx + pose[a, 3] * vy + pose[a, 6] * vz),
-            -(pose[a, 1] * vx + pose[a, 4] * vy + pose[a, 7] * vz),
-            -(pose[a, 2] * vx + pose[a, 5] * vy + pose[a, 8] * vz), hint_a,
-        )  # fmt: skip
-        bx, by, bz, hint_b = support(
-            info, size, verts, near_start, near, b,
-            pose[b, 0] * vx + pose[b, 3] * vy + pose[b, 6] * vz,
-            pose[b, 1] * vx + pose[b, 4] * vy + pose[b, 7] * vz,
-            pose[b, 2] * vx + pose[b, 5] * vy + pose[b, 8] * vz, hint_b,
-        )  # fmt: skip
-        pax = pose[a, 9] + pose[a, 0] * ax + pose[a, 1] * ay + pose[a, 2] * az
-        pay = pose[a, 10] + pose[a, 3] * ax + pose[a, 4] * ay + pose[a, 5] * az
-        paz = pose[a, 11] + pose[a, 6] * ax + pose[a, 7] * ay + pose[a, 8] * az
-        pbx = pose[b, 9] + pose[b, 0] * bx + pose[b, 1] * by + pose[b, 2] * bz
-        pby = pose[b, 10] + pose[b, 3] * bx + pose[b, 4] * by + pose[b, 5] * bz
-        pbz = pose[b, 11] + pose[b, 6] * bx + pose[b, 7] * by + pose[b, 8] * bz
+        # Support of A along −v and of B along +v, found in the pieces' own frames.
+        for side in range(2):
+            p, sign = (a, -1.0) if side == 0 else (b, 1.0)
+            x, y, z, hint = support(
+                info, size, verts, near_start, near, p,
+                sign * (pose[p, 0] * vx + pose[p, 3] * vy + pose[p, 6] * vz),
+                sign * (pose[p, 1] * vx + pose[p, 4] * vy + pose[p, 7] * vz),
+                sign * (pose[p, 2] * vx + pose[p, 5] * vy + pose[p, 8] * vz),
+                hint_a if side == 0 else hint_b,
+            )  # fmt: skip
+            px = pose[p, 9] + pose[p, 0] * x + pose[p, 1] * y + pose[p, 2] * z
+            py = pose[p, 10] + pose[p, 3] * x + pose[p, 4] * y + pose[p, 5] * z
+            pz = pose[p, 11] + pose[p, 6] * x + pose[p, 7] * y + pose[p, 8] * z
+            if side == 0:
+                pax, pay, paz, hint_a = px, py, pz, hint
+            else:
+                pbx, pby, pbz, hint_b = px, py, pz, hint
         wx, wy, wz = pax - pbx, pay - pby, paz - pbz
         plane = (vx * wx + vy * wy + vz * wz) / norm - margin
         if plane > lower:

@@ -66,15 +66,18 @@ def _triangle(s: Any, i: int, k: int, m: int, weight: Any) -> float:
                 x = u * s[i, c] + v * s[k, c] + w * s[m, c]
                 total += x * x
             return total
-    # Outside (or a sliver): the nearest point lies on an edge.
-    best = _edge(s, i, k, weight)
-    b0, b1, b2 = weight[0], weight[1], 0.0
-    other = _edge(s, k, m, weight)
-    if other < best:
-        best, b0, b1, b2 = other, 0.0, weight[0], weight[1]
-    other = _edge(s, i, m, weight)
-    if other < best:
-        best, b0, b1, b2 = other, weight[0], 0.0, weight[1]
+    # Outside (or a sliver): the nearest point lies on an edge. A loop, not three calls: compiled
+    # code grows with every inlined copy.
+    best, b0, b1, b2 = 1e300, 0.0, 0.0, 0.0
+    for e in range(3):
+        first = i if e == 0 else (k if e == 1 else m)
+        second = k if e == 0 else (m if e == 1 else i)
+        other = _edge(s, first, second, weight)
+        if other < best:
+            best = other
+            b0 = weight[0] if e == 0 else (0.0 if e == 1 else weight[1])
+            b1 = weight[1] if e == 0 else (weight[0] if e == 1 else 0.0)
+            b2 = 0.0 if e == 0 else (weight[1] if e == 1 else weight[0])
     weight[0], weight[1], weight[2] = b0, b1, b2
     return best
 
@@ -100,41 +103,6 @@ def _volume(s: Any, i: int, k: int, m: int) -> float:
 
 
 @kernel
-def _tetrahedron(s: Any, lam: Any, weight: Any) -> bool:
-    """Weights of the four rows at the nearest point; True if the origin is inside."""
-    # Signed volumes of the four tetrahedra that the origin makes with the faces: all of the sign
-    # of the whole means inside.
-    v0 = _volume(s, 1, 2, 3)
-    v1 = -_volume(s, 0, 2, 3)
-    v2 = _volume(s, 0, 1, 3)
-    v3 = -_volume(s, 0, 1, 2)
-    whole = v0 + v1 + v2 + v3
-    flat = abs(whole) <= 1e-14 * (abs(v0) + abs(v1) + abs(v2) + abs(v3))
-    if not flat and v0 * whole > 0 and v1 * whole > 0 and v2 * whole > 0 and v3 * whole > 0:
-        return True
-    best = 1e300
-    if flat or v0 * whole <= 0:
-        best = _triangle(s, 1, 2, 3, weight)
-        lam[0], lam[1], lam[2], lam[3] = 0.0, weight[0], weight[1], weight[2]
-    if flat or v1 * whole <= 0:
-        other = _triangle(s, 0, 2, 3, weight)
-        if other < best:
-            best = other
-            lam[0], lam[1], lam[2], lam[3] = weight[0], 0.0, weight[1], weight[2]
-    if flat or v2 * whole <= 0:
-        other = _triangle(s, 0, 1, 3, weight)
-        if other < best:
-            best = other
-            lam[0], lam[1], lam[2], lam[3] = weight[0], weight[1], 0.0, weight[2]
-    if flat or v3 * whole <= 0:
-        other = _triangle(s, 0, 1, 2, weight)
-        if other < best:
-            best = other
-            lam[0], lam[1], lam[2], lam[3] = weight[0], weight[1], weight[2], 0.0
-    return False
-
-
-@kernel
 def nearest(s: Any, count: int, lam: Any, weight: Any) -> int:
     """Reduce `count` rows of `s` to those that carry the point nearest to the origin."""
     if count == 1:
@@ -143,11 +111,33 @@ def nearest(s: Any, count: int, lam: Any, weight: Any) -> int:
     if count == 2:
         _edge(s, 0, 1, weight)
         lam[0], lam[1] = weight[0], weight[1]
-    elif count == 3:
-        _triangle(s, 0, 1, 2, weight)
-        lam[0], lam[1], lam[2] = weight[0], weight[1], weight[2]
-    elif _tetrahedron(s, lam, weight):
-        return INSIDE
+    else:
+        # Signed volumes of the tetrahedra that the origin makes with the faces (face f leaves row
+        # f out): all of the sign of the whole means inside, and only faces of the other sign can
+        # carry the nearest point. A triangle is the face that leaves out a fourth row.
+        volume = (1.0, 1.0, 1.0, -1.0)
+        whole, flat = 1.0, False
+        if count == 4:
+            v0, v1 = _volume(s, 1, 2, 3), -_volume(s, 0, 2, 3)
+            v2, v3 = _volume(s, 0, 1, 3), -_volume(s, 0, 1, 2)
+            whole = v0 + v1 + v2 + v3
+            volume = (v0, v1, v2, v3)
+            flat = abs(whole) <= 1e-14 * (abs(v0) + abs(v1) + abs(v2) + abs(v3))
+        best = 1e300
+        for f in range(4):
+            if not flat and volume[f] * whole > 0.0:
+                continue
+            a, b, c = 1 if f == 0 else 0, 2 if f <= 1 else 1, 3 if f <= 2 else 2
+            if c >= count:
+                continue
+            other = _triangle(s, a, b, c, weight)
+            if other < best:
+                best = other
+                for row in range(count):
+                    lam[row] = 0.0
+                lam[a], lam[b], lam[c] = weight[0], weight[1], weight[2]
+        if best == 1e300:
+            return INSIDE
     kept = 0
     for i in range(count):
         if lam[i] > 0.0:
