@@ -38,7 +38,7 @@ def root_cluster(problem: GtspProblem) -> int:
 
 
 def pyvrp(problem: GtspProblem, seconds: float) -> float | None:
-    """PyVRP, one run for the root node (the best of three roots of a larger root cluster)."""
+    """PyVRP (0.14 or later) from the root node (best of three where the root cluster is larger)."""
     from pyvrp import Model
     from pyvrp.stop import MaxRuntime
 
@@ -48,13 +48,15 @@ def pyvrp(problem: GtspProblem, seconds: float) -> float | None:
     for root in roots:
         model = Model()
         model.add_vehicle_type(1)
-        places = {root: model.add_depot(0, 0)}
+        places = {root: model.add_location(0, 0)}
+        model.add_depot(places[root])
         for g, nodes in enumerate(problem.clusters):
             if g == root_cluster(problem):
                 continue
             group = model.add_client_group(required=True)
             for v in nodes:
-                places[v] = model.add_client(0, 0, required=False, group=group)
+                places[v] = model.add_location(0, 0)
+                model.add_client(places[v], required=False, group=group)
         for u, a in places.items():
             for v, b in places.items():
                 if u != v:

@@ -26,5 +26,5 @@ class Plan:
             factor = {"quick": QUICK, "normal": 1.0, "thorough": THOROUGH}[effort]
             iterations = int(normal * factor)
         child = 1500 if clusters <= 60 else 2000
-        population = min(8, iterations // (3 * child))
+        population = min(8 if clusters <= 60 else 16, iterations // (3 * child))
         return Plan(iterations, population, child)
