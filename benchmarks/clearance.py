@@ -4,7 +4,7 @@ The pairs are drawn once with a fixed seed: ten whose straight joint-space line 
 line hits a clamp, ten whose gun goes in or out between tunnel, sills and walls of the part and
 whose line hits the part. Prints a table and saves it with every figure behind it.
 
-    python benchmarks/clearance.py [--per-class 10]
+    python -m benchmarks.clearance [--per-class 10]
 """
 
 from __future__ import annotations

@@ -5,10 +5,17 @@ import pytest
 
 from dmoc.motion import MotionProblem
 from dmoc.refinement import RefineParams
+from dmoc.solver import solve
 from dmoc.status import Status
 from planning import CollisionWorld, alternatives, demo_station
 from planning.alternative import weld_line
-from planning.departure import departure_fractions, line_through, num_line_knots, with_departure
+from planning.departure import (
+    best_departure,
+    departure_fractions,
+    line_through,
+    num_line_knots,
+    with_departure,
+)
 from planning.departure_line import line_stray_m
 from planning.edge_motion import EdgeParams, plan_motion
 
@@ -68,6 +75,23 @@ def test_line_knots_follow_the_grid():
     assert num_line_knots(8) == 1
     np.testing.assert_allclose(departure_fractions(1), [1.0])
     np.testing.assert_allclose(departure_fractions(2), [0.25, 1.0])
+
+
+def test_the_cheaper_number_of_line_knots_is_taken(cell):
+    station, _, table = cell
+    seen = set()
+    for first, second in (("S01", "S20"), ("S04", "S14"), ("S12", "S07"), ("S09", "S12")):
+        a, b = table[first].alternatives[0], table[second].alternatives[0]
+        lines = line_through(a.line_rad), line_through(b.line_rad)
+        plain = MotionProblem(station.robot, a.q_rad, b.q_rad, station.cost, 20)
+        chosen = best_departure(plain, *lines)
+        costs = [solve(with_departure(plain, *lines, 20, m)).cost for m in (1, 2)]
+        assert len(chosen.depart_rad) == 1 + int(np.argmin(costs))
+        fine = best_departure(plain, *lines, 40)
+        assert fine.num_intervals == 40
+        assert len(fine.depart_rad) == 2 * len(chosen.depart_rad)
+        seen.add(len(chosen.depart_rad))
+    assert seen <= {1, 2}
 
 
 def test_a_free_edge_is_its_obstacle_free_optimum(cell):
