@@ -38,8 +38,8 @@ def solve(
     """The locally optimal motion of `problem` without obstacles.
 
     Without a guess: the straight joint-space line, on ten intervals first where N ≥ 20. If that
-    fails or looks suspicious (many iterations, or dearer than the guess itself), up to three
-    detours drawn from `seed` are tried and the cheapest motion is kept. Deterministic.
+    fails or looks suspicious (many iterations), up to three detours drawn from `seed` are tried
+    and the cheapest motion is kept. Deterministic.
 
     Expected failure is a status of the motion (`motion.require()` raises it); bad input raised
     `ProblemError` when the problem was built.
