@@ -86,9 +86,7 @@ def _obstacles(scene: dict[str, Any]) -> Iterator[Body]:
         yield Body(item["id"], tuple(shapes), pose=pose)
 
 
-def _allowed(
-    robot: Robot, tool: tuple[Body, ...], matrix: dict[str, Any]
-) -> list[tuple[str, str]]:
+def _allowed(robot: Robot, tool: tuple[Body, ...], matrix: dict[str, Any]) -> list[tuple[str, str]]:
     """Pairs that the scene's matrix allows, for those of our bodies that it names."""
     entry = {name: i for i, name in enumerate(matrix["entry_names"])}
     links, tools = link_bodies(robot), tool_mounts(robot, tool)
