@@ -1,7 +1,7 @@
 """Timing on the pallet cell: cost of an evaluation, of a collision check, and the peers' energies.
 
     python -m benchmarks.timing            # all tables
-    python -m benchmarks.timing windows    # one of: evaluation, collision, windows, whole, grid
+    python -m benchmarks.timing windows    # or any of TABLES below
 
 Peers (cma, pyswarms) are skipped where they are not installed. All solve the same window, over the
 same box, with the same objective (collision = +inf, as a large number where a peer needs one).
@@ -13,15 +13,21 @@ import sys
 import time
 from collections.abc import Callable
 
+import coal
 import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.optimize import minimize as scipy_minimize
 
 from benchmarks.timing_common import save_table
 from dmoc.swarm import SwarmParams, minimise
+from dmoc.trajectory import JointTrajectory
+from sequencing.timing.arm_shapes import joint_frames
+from sequencing.timing.coordination import ExactPlacer
 from sequencing.timing.optimise import SearchParams, optimise_timing
 from sequencing.timing.path_power import exact_power_w
 from sequencing.timing.prepared import Geometry, prepare_cell
+from sequencing.timing.sampled_check import BROAD, NARROW, SampledCheck
+from sequencing.timing.segment_distance import segment_distances
 from sequencing.timing.slack import decode_batch, slack_graph
 from sequencing.timing.strategies import (
     fast_timing,
@@ -31,6 +37,7 @@ from sequencing.timing.strategies import (
     window_timing,
 )
 from sequencing.timing.study import pallet_cell
+from sequencing.timing.swept import swept_path
 from sequencing.timing.timeline import cost, cost_and_gradient, cost_batch
 
 SEEDS = range(10)
@@ -131,6 +138,106 @@ def collision() -> None:
         {"what": "all 117 capsule maps, swept paths included [s]", "value": rough_s, "goal": ""},
     ]
     save_table("timing_collision", rows, "Collision check of a window, three arms")
+
+
+def routines() -> None:
+    """The paper's Table 1: 16 solids free, 24 colliding, 24 free; 100 samples of one trajectory."""
+    cell = pallet_cell()
+    prepared = prepare_cell(cell)
+    windows = make_windows(prepared)
+    skip = ("base_link", "link_6")  # eight solids a robot
+    fast = np.zeros(3), np.ones(3)
+    # The window whose best timing without collision check really collides.
+    for index in range(len(windows.numbers)):
+        window = Window(prepared, windows, None, index)
+        loose = optimise_timing(window.line, window.graph, 0)
+        slow = loose.start_s, loose.override
+        q = [window_joints(cell, windows, index, r, slow, 100) for r in range(3)]
+        if SampledCheck(cell.robots, (), "ssap", "gjk", skip).first_collision(q) >= 0:
+            break
+    rows = []
+    for broad in BROAD:
+        for narrow in NARROW:
+            row: dict[str, object] = {"broad": broad, "narrow": narrow}
+            for title, count, timing in (
+                ("16 free", 2, fast), ("24 colliding", 3, slow), ("24 free", 3, fast),
+            ):  # fmt: skip
+                check = SampledCheck(cell.robots[:count], (), broad, narrow, skip)
+                q = [window_joints(cell, windows, index, r, timing, 100) for r in range(count)]
+                hit = check.first_collision(q) >= 0
+                row[f"{title} [ms]"] = cpu_us(lambda c=check, q=q: c.first_collision(q), 2) / 1e3
+                row[f"{title}: collides"] = hit
+            rows.append(row)
+    save_table(
+        "timing_routines", rows, "Sampled collision routines, 100 samples, as the paper's Table 1"
+    )
+
+
+def window_joints(cell, windows, index: int, r: int, timing, samples: int) -> np.ndarray:
+    """Joint vectors (K, n) of robot r at `samples` instants of a window."""
+    trajectory = cell.robots[r].trajectories[cell.owner(windows.numbers[index][r])[1]]
+    t = np.linspace(0, windows.edges_s[index + 1] - windows.edges_s[index], samples)
+    s = np.clip((t - timing[0][r]) * timing[1][r], 0, trajectory.duration_s)
+    return window_joints_at(trajectory, s)
+
+
+def false_free(total: int = 10_000, instants: int = 100, fine: int = 4000) -> None:
+    """Random timings that the maps call free, against exact solids at dense instants."""
+    cell = pallet_cell()
+    prepared = prepare_cell(cell)
+    windows = make_windows(prepared)
+    geometry = Geometry(cell)
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    rows = []
+    for index in (33, 34):
+        window = Window(prepared, windows, geometry, index)
+        flat = window.graph.duration_s
+        placers, paths = [], []
+        for r, number in enumerate(window.numbers):
+            item = cell.robots[r]
+            trajectory = item.trajectories[cell.owner(number)[1]]
+            paths.append(swept_path(item.robot, geometry.shapes[r], trajectory, fine))
+            q = window_joints_at(trajectory, np.linspace(0, trajectory.duration_s, fine + 1))
+            placers.append(ExactPlacer(geometry.shapes[r], *joint_frames(item.robot, q)))
+        timing = window.points(np.random.default_rng(index).random((total // 2, 4)))
+        free = window.free(timing)
+        wrong = tests = 0
+        for start, speed in timing[free]:
+            t = np.linspace(0, window.length, instants)
+            s = np.clip((t[:, None] - start) * speed, 0, flat)
+            nearest = np.rint(s / flat * fine).astype(int)
+            hit = False
+            for k in nearest:
+                for i in range(3):
+                    for j in range(i + 1, 3):
+                        a, b = paths[i], paths[j]
+                        rough = segment_distances(a.ends_m[k[i]], b.ends_m[k[j]])
+                        rough -= a.radius_m[:, None] + b.radius_m[None, :]
+                        for c, d in np.argwhere(rough <= 0.0):
+                            tests += 1
+                            result.clear()
+                            if coal.collide(
+                                placers[i].shapes.solids[c], placers[i].transform(k[i], c),
+                                placers[j].shapes.solids[d], placers[j].transform(k[j], d),
+                                request, result,
+                            ):  # fmt: skip
+                                hit = True
+            wrong += hit
+        rows.append(
+            {
+                "window": index, "timings": len(timing), "called free": int(free.sum()),
+                "of these colliding": int(wrong), "exact tests": tests,
+            }
+        )  # fmt: skip
+    save_table("timing_false_free", rows, "Coordination maps against the dense exact check")
+
+
+def window_joints_at(trajectory: JointTrajectory, s: np.ndarray) -> np.ndarray:
+    """Joint vectors (K, n) at path times s (K,)."""
+    bare = JointTrajectory(
+        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
+    )
+    return bare.sample(s + bare.t_s[0]).q_rad
 
 
 def conflicted(prepared, windows) -> int:
@@ -336,7 +443,7 @@ def grid() -> None:
 
 TABLES = {
     "evaluation": evaluation, "collision": collision, "windows": windows_table, "whole": whole,
-    "grid": grid,
+    "grid": grid, "routines": routines, "false_free": false_free,
 }  # fmt: skip
 
 

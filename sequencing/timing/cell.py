@@ -15,9 +15,10 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from dmoc.yaml_file import FieldPath, YamlTree, field_name, read_yaml
 from planning.shapes import Body
+from planning.station import available_stations, demo_station
 from planning.station_file import RobotEntry, faults_of
 from planning.station_parts import Refuse, build_obstacle, build_robot, build_tool
-from sequencing.run_files import read_run
+from sequencing.run_files import Run, read_run
 from sequencing.timing.cell_file import CellFile, CellRobotEntry
 from sequencing.timing.dc_link import LinkParams
 from sequencing.timing.trajectory_files import read_trajectories
@@ -200,10 +201,7 @@ def _robot_from_run(build: _Build, entry: CellRobotEntry, k: int) -> CellRobot |
     placed = build_robot(given, build.folder, build.refuse(field))
     base = pin.SE3.Identity() if placed is None else placed.base
     robot = run.robot.with_base(base)
-    bodies: tuple[Body, ...] = ()
-    if entry.tool is not None:
-        made = build_tool(entry.tool, build.folder, build.refuse((*field, "tool")))
-        bodies = () if made is None else made[0]
+    bodies = _run_tool(build, entry, run, field)
     weld_s = {weld.stud: float(weld.time_s) for weld in run.welds}
     motions = [m for m in run.motions if m.motion.trajectory is not None]
     trajectories = tuple(
@@ -220,6 +218,26 @@ def _robot_from_run(build: _Build, entry: CellRobotEntry, k: int) -> CellRobot |
     return CellRobot(
         entry.name, robot, bodies, trajectories, (robot,) * len(trajectories), labels, pauses
     )
+
+
+def _run_tool(build: _Build, entry: CellRobotEntry, run: Run, field: FieldPath) -> tuple[Body, ...]:
+    """The tool's solids: given in the cell, else of the packaged station that the run planned.
+
+    A run holds the tool's inertia but not its shape; leaving the gun out of the collision check
+    would be a silent wrong answer, so a run of another station must come with `tool`.
+    """
+    if entry.tool is not None:
+        made = build_tool(entry.tool, build.folder, build.refuse((*field, "tool")))
+        return () if made is None else made[0]
+    if run.name in available_stations():
+        station = demo_station(run.name)
+        if station.robot.fingerprint == run.result["robot"]["fingerprint"]:
+            return station.tool_bodies
+    build.refuse(field)(
+        "run-tool", "nothing", "tool: {shapes: [...]}, in the flange frame",
+        "copy the tool of the run's station into this robot's entry", "tool",
+    )  # fmt: skip
+    return ()
 
 
 def _link(entry: CellFile) -> LinkParams:

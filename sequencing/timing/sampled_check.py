@@ -36,7 +36,10 @@ class _Thing:
 
 
 class SampledCheck:
-    """Checks timed trajectories of several robots (and obstacles) at given joint vectors."""
+    """Checks timed trajectories of several robots (and obstacles) at given joint vectors.
+
+    `broad` and `narrow` are of `BROAD` and `NARROW`; bodies named in `skip` are left out.
+    """
 
     def __init__(
         self,
@@ -44,12 +47,13 @@ class SampledCheck:
         obstacles: Sequence[Body] = (),
         broad: str = "ssap",
         narrow: str = "gjk",
+        skip: Sequence[str] = (),
     ) -> None:
         self.robots, self.broad = robots, broad
         self.request = coal.CollisionRequest()
         if narrow == "gjk_nesterov":
             self.request.gjk_variant = coal.GJKVariant.NesterovAcceleration
-        self.shapes: list[ArmShapes] = [arm_shapes(r.robot, r.tool_bodies) for r in robots]
+        self.shapes: list[ArmShapes] = [arm_shapes(r.robot, r.tool_bodies, skip) for r in robots]
         self.things: list[list[_Thing]] = []
         for r, shapes in enumerate(self.shapes):
             self.things.append([_thing(r, solid, narrow) for solid in shapes.solids])

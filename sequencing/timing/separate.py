@@ -18,8 +18,8 @@ def separated_timing(
 
     Starting from as-early-as-possible, the earliest meeting is mended first, a tenth of a second
     at a time, and everything after it is pushed back; the process gets as much longer as that
-    takes. Stops after `rounds` or when one wait passes a minute (robots that block each other at
-    rest cannot be parted by waiting) and returns the last trial: the caller's check decides.
+    takes. After `rounds`, or when one wait passes a minute (robots that block each other at rest
+    cannot be parted by waiting), `fast` is returned as it was: the caller's check decides.
     """
     cell = prepared.cell
     first = cell.first
@@ -29,7 +29,6 @@ def separated_timing(
     wait = np.zeros(size)
     graph = slack_graph(cell.durations_s, cell.handovers, None, None, pauses)
     step = 0.1
-    timing = fast
     for _ in range(rounds):
         start, total = _earliest(graph, flat, wait, pauses)
         timing = Timing(start, np.ones(size), total)
@@ -45,7 +44,7 @@ def separated_timing(
         wait[late] += step
         if wait[late] > 60.0:
             break
-    return timing
+    return fast
 
 
 def _earliest(
