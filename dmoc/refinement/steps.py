@@ -81,7 +81,7 @@ def take_step(
         usable = solution.status.ok and np.all(np.isfinite(candidate.q_rad))
         if usable:
             seen = look(stage.clearance, candidate, stage.points, params.cap_m)
-            bad = seen.phi_m < _threshold(stage, view)
+            bad = seen.phi_m < _threshold(stage, iterate, view)
             accepted = not bad.any()
             least = float(seen.phi_m.min(initial=params.cap_m))
         else:
@@ -152,15 +152,21 @@ def _box(problem: MotionProblem, iterate: Iterate, half: Array) -> Box:
     )
 
 
-def _threshold(stage: Stage, view: View) -> Array:
+def _threshold(stage: Stage, iterate: Iterate, view: View) -> Array:
     """What a candidate must keep at every point (P,)."""
+    floor = np.minimum(stage.params.floor_m, stage.required_m)
     if stage.method == "halfspaces":
-        floor = np.minimum(stage.params.floor_m, stage.required_m)
         return np.minimum(floor, view.phi_m - _SAME_M)
-    free = np.where(stage.points.fraction == 0, stage.required_m - 1e-7, 0.8 * stage.required_m)
-    # What was too near from the start may come nearer by a hair a step, but not to the floor.
-    hair = np.maximum(view.phi_m - _SAME_M, np.minimum(view.phi_m, 2 * stage.params.floor_m))
-    near = np.minimum(kept_level(stage.required_m, stage.params), hair)
+    kept = kept_level(stage.required_m, stage.params)
+    at_knot = stage.points.fraction == 0
+    if np.isfinite(iterate.cost):
+        # What was too near from the start may come nearer by a hair a step, but not to the floor.
+        hair = np.maximum(view.phi_m - _SAME_M, np.minimum(view.phi_m, 2 * stage.params.floor_m))
+        near, between = np.minimum(kept, hair), 0.8 * stage.required_m
+    else:
+        # A seed is no solution: its curve between the knots changes with the first solve.
+        near, between = np.minimum(floor, view.phi_m - _SAME_M), floor
+    free = np.where(at_knot, stage.required_m - 1e-7, between)
     return np.where(view.phi_m >= stage.required_m, free, near)
 
 
