@@ -1,0 +1,87 @@
+"""Random pairs of weld poses in three stations: certified or not, and does fcl agree at 1 kHz.
+
+    python -m benchmarks.random_pairs [--pairs 500] [--stations stud_welding_a,…]
+
+Two different studs, one alternative each, all drawn with a fixed seed; the motion between them as
+the product plans it when it ranks edges (departure lines, obstacle-free optimum first). A motion
+with a certificate is then sampled at 1 kHz and checked by fcl. Saves `results/random_pairs.json`
+and `.md`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from benchmarks.planning_common import save, table
+from planning.alternatives_search import alternatives
+from planning.station import demo_station
+from planning.world import CollisionWorld
+from sequencing.edge_worker import EdgeJob, edge_motion, weld_line
+
+STATIONS = ("stud_welding_a", "stud_welding_b", "stud_welding_c")
+
+
+def run(name: str, count: int) -> dict[str, Any]:
+    """Figures of one station."""
+    station = demo_station(name)
+    world, judge = CollisionWorld(station), CollisionWorld(station, engine="fcl")
+    studs = {stud.id: stud for stud in station.studs}
+    welds = [found for found in alternatives(station, world) if found.alternatives]
+    rng = np.random.default_rng(0)
+    outcome: Counter[str] = Counter()
+    spent, touching, failed = [], [], []
+    for number in range(count):
+        ends = [welds[i] for i in rng.choice(len(welds), 2, replace=False)]
+        poses = [
+            end.alternatives[rng.integers(len(end.alternatives))].q_rad for end in ends
+        ]  # fmt: skip
+        ids = [end.stud if isinstance(end.stud, str) else end.stud.id for end in ends]
+        job = EdgeJob(
+            context="", key="", origin=ids[0], target=ids[1], start_rad=tuple(poses[0]),
+            goal_rad=tuple(poses[1]), quality="screen", method="halfspaces", seed=number,
+        )  # fmt: skip
+        begin = time.process_time()
+        motion = edge_motion(station, world, studs, job)
+        spent.append(time.process_time() - begin)
+        outcome[motion.source if motion.certified else "not certified"] += 1
+        if not motion.certified:
+            failed.append(f"{ids[0]} to {ids[1]}: {motion.status} {motion.note}")
+            continue
+        lines = [weld_line(station, studs[i]) for i in ids if studs[i].on]
+        dense = motion.trajectory.sample(np.arange(0.0, motion.duration_s, 1e-3)).q_rad
+        if judge.collide_batch(dense, 0.0, lines).any():
+            touching.append(f"{ids[0]} to {ids[1]}")
+    return {
+        "station": name, "pairs": count, "refined and certified": outcome["refined"],
+        "certified fallback": outcome["fallback"], "not certified": outcome["not certified"],
+        "touching for fcl at 1 kHz": len(touching), "CPU, median [s]": float(np.median(spent)),
+        "CPU, p90 [s]": float(np.percentile(spent, 90)), "failed": failed, "touching": touching,
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Run the stations, print, save."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=int, default=500)
+    parser.add_argument("--stations", default=",".join(STATIONS))
+    options = parser.parse_args()
+    names = options.stations.split(",")
+    shares = [options.pairs // len(names)] * len(names)
+    shares[0] += options.pairs - sum(shares)
+    results = [run(name, count) for name, count in zip(names, shares)]
+    shown = [key for key in results[0] if key not in ("failed", "touching")]
+    text = table(shown, [[figures[key] for key in shown] for figures in results])
+    for figures in results:
+        for line in figures["failed"]:
+            text += f"\n\n{figures['station']}: {line}"
+    print(text)
+    save("random_pairs", results, "Random pairs of weld poses, certified", text)
+
+
+if __name__ == "__main__":
+    main()
