@@ -156,7 +156,7 @@ class _Loop:
             outer += 1
             if not step.accepted:
                 idle += 1
-                if idle >= 2:
+                if idle >= 2 or solution is None:
                     break
                 continue
             idle = 0

@@ -23,6 +23,8 @@ __all__ = ["Stage", "Step", "take_step"]
 # An iterate that violates may come back this much nearer without being called worse.
 _SAME_M = 1e-4
 _SMALLEST_TRUST_RAD = 1e-4
+# On the way out of a violation the sum of depths must fall to this share.
+_FREER_SHARE = 0.9
 # After so many failed programmes an outer iteration gives up.
 _MOST_FAILURES = 2
 
@@ -72,7 +74,7 @@ def take_step(
     half = _half_widths(stage, view, fixed, trust_rad)
     rows = _rows(stage, view, half, params.push_out_m, params.rows_per_point)
     guess, used, failed = iterate.guess(), 0, 0
-    scale = np.ones(len(fixed))
+    scale, stuck_at = np.ones(len(fixed)), np.inf
     for backtrack in range(params.max_backtracks + 1):
         box = _box(problem, iterate, half * scale[:, None])
         solution = solve_nlp(problem, guess, box=box, rows=rows, params=solver)
@@ -82,7 +84,7 @@ def take_step(
         if usable:
             seen = look(stage.clearance, candidate, stage.points, params.cap_m)
             bad = seen.phi_m < _threshold(stage, iterate, view)
-            accepted = not bad.any()
+            accepted = not bad.any() or _is_freer(stage, view, seen)
             least = float(seen.phi_m.min(initial=params.cap_m))
         else:
             accepted, least = False, float("nan")
@@ -109,6 +111,9 @@ def take_step(
             return Step(candidate, seen, _grown(stage, trust), True, used, solution)
         guess = replace(guess, multipliers=None)
         if usable:
+            if abs(least - stuck_at) < _SAME_M:
+                break
+            stuck_at = least
             scale = _shrunk(stage, candidate, iterate, half, scale, bad)
             if backtrack == 0:
                 # A pair that had no row may have been hit.
@@ -168,6 +173,21 @@ def _threshold(stage: Stage, iterate: Iterate, view: View) -> Array:
         near, between = np.minimum(floor, view.phi_m - _SAME_M), floor
     free = np.where(at_knot, stage.required_m - 1e-7, between)
     return np.where(view.phi_m >= stage.required_m, free, near)
+
+
+def _is_freer(stage: Stage, before: View, after: View) -> bool:
+    """Whether half-spaces on the way out of a violation got nearer to the floor as a whole.
+
+    Point by point would be too strict: while a deep point comes out, a shallow one may sink.
+    """
+    if stage.method != "halfspaces":
+        return False
+    floor = np.minimum(stage.params.floor_m, stage.required_m)
+    old = np.maximum(floor - before.phi_m, 0.0)
+    new = np.maximum(floor - after.phi_m, 0.0)
+    if old.max(initial=0.0) <= 0.0:
+        return False
+    return bool(new.max() <= old.max() and new.sum() <= _FREER_SHARE * old.sum())
 
 
 def _shrunk(
