@@ -22,7 +22,7 @@ from sequencing.timing.swept import SweptPath
 
 __all__ = ["CELLS", "CoordinationMap", "coordination_map"]
 
-CELLS = 128
+CELLS = 64
 
 
 @dataclass(frozen=True, eq=False)

@@ -147,17 +147,18 @@ def window_result(
     """One window: the trajectories `numbers`, one a robot, within `length_s`."""
     line = prepared.window(numbers, length_s)
     graph = slack_graph([[flat[k]] for k in numbers], (), length_s)
+    relaxed = optimise_timing(line, graph, seed, None, params)
     if geometry is None:
-        return optimise_timing(line, graph, seed, None, params)
-    while True:
+        return relaxed
+    # Where capsules are in the way of the best timing, see whether the solids are.
+    check = geometry.window(numbers, length_s)
+    meeting = check.collisions(relaxed.start_s, relaxed.override)
+    while meeting and geometry.sharpen([(numbers[a], numbers[b]) for a, b in meeting]):
         check = geometry.window(numbers, length_s)
-        result = optimise_timing(line, graph, seed, check.free, params)
-        if result.value_j <= result.relaxed_j + 1e-9 * abs(result.relaxed_j):
-            return result
-        # Capsules are in the way of a better schedule: see whether the solids are.
-        meeting = check.collisions(*decode(graph, result.relaxed_z))
-        if not geometry.sharpen([(numbers[a], numbers[b]) for a, b in meeting]):
-            return result
+        meeting = check.collisions(relaxed.start_s, relaxed.override)
+    if not meeting:
+        return relaxed
+    return optimise_timing(line, graph, seed, check.free, params)
 
 
 def general_timing(

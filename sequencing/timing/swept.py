@@ -102,7 +102,9 @@ def _levers(
         revolute, axis = joint_axis(robot, j)
         world_axis = rotation[:, j] @ axis
         arm = ends - origin[:, j][:, None, None, :]
-        across = np.linalg.norm(np.cross(arm, world_axis[:, None, None, :]), axis=-1).max(axis=2)
+        along = np.einsum("kcei,ki->kce", arm, world_axis)
+        square = np.einsum("kcei,kcei->kce", arm, arm) - along**2
+        across = np.sqrt(np.maximum(square, 0.0).max(axis=2)) + 1e-9
         across = np.maximum(across[1:], across[:-1]) + shapes.radius_m
         carried = reach[:, j] > 0.0
         behind = np.zeros((pieces, solids))
