@@ -45,11 +45,9 @@ LARGEST_DEFECT = 1e-6
 
 _IPOPT = {
     "print_level": 0, "sb": "yes", "nlp_scaling_method": "none",
-    # AMD ordering: the default ordering draws random numbers that live on from solve to solve, so
-    # the last digits of a motion would depend on which motions were solved before it.
-    "mumps_pivot_order": 0,
     "mu_strategy": "adaptive", "mu_oracle": "probing", "constr_viol_tol": 1e-8,
     # The rows are scaled already; AMF ordering suits the band. Measured: a quarter off.
+    # The automatic ordering would also make the last digits depend on earlier solves.
     "mumps_pivot_order": 2, "mumps_permuting_scaling": 0, "mumps_scaling": 0,
     "min_refinement_steps": 0,
 }  # fmt: skip
