@@ -13,6 +13,7 @@ import numpy as np
 from dmoc.status import Status
 from sequencing.timing.cell import Cell, load_cell
 from sequencing.timing.optimise import DEFAULT_SEARCH, SearchParams
+from sequencing.timing.path_power import drive_of
 from sequencing.timing.prepared import Geometry, PreparedCell, prepare_cell
 from sequencing.timing.separate import separated_timing
 from sequencing.timing.strategies import (
@@ -174,7 +175,7 @@ def schedule_to_dict(found: Schedule) -> dict[str, Any]:
     names = [robot.name for robot in found.cell.robots]
     first = found.cell.first
     spans = {name: slice(first[r], first[r + 1]) for r, name in enumerate(names)}
-    drives = {r.name: dict(r.robot.provenance) for r in found.cell.robots}
+    drives = {r.name: dict(drive_of(r.robot).provenance) for r in found.cell.robots}
     return {
         "cell": found.cell.name,
         "status": str(found.status),
@@ -204,5 +205,9 @@ def schedule_to_dict(found: Schedule) -> dict[str, Any]:
         "override": {name: found.override[span].tolist() for name, span in spans.items()},
         "length_s": {name: found.duration_s[span].tolist() for name, span in spans.items()},
         "preparation_cpu_s": found.preparation_cpu_s,
-        "provenance": drives,
+        "provenance": {
+            "drive": drives,
+            "robot": {r.name: dict(r.robot.provenance) for r in found.cell.robots},
+            "link": "assumed, except voltages of published order",
+        },
     }
