@@ -9,6 +9,7 @@ import pytest
 
 import planning
 from dmoc.errors import InputError
+from planning.stations.pallet_cell.author import author
 from sequencing.timing.cell import load_cell
 from sequencing.timing.cell_file import cell_schema
 from sequencing.timing.prepared import prepare_cell
@@ -38,6 +39,14 @@ def test_the_cell_has_three_robots_with_39_trajectories_each() -> None:
     cell = pallet_cell()
     assert [len(r.trajectories) for r in cell.robots] == [39, 39, 39]
     assert len(cell.handovers) == 38
+
+
+def test_the_waypoints_are_what_the_author_script_writes(tmp_path) -> None:
+    author(tmp_path)
+    for name in ("north", "west", "east"):
+        kept = np.genfromtxt(CELL_FOLDER / name / "waypoints.csv", delimiter=",", skip_header=1)
+        made = np.genfromtxt(tmp_path / name / "waypoints.csv", delimiter=",", skip_header=1)
+        np.testing.assert_allclose(made[:, 1:], kept[:, 1:], atol=1e-6)
 
 
 def test_its_paths_keep_clear_of_the_obstacles(small) -> None:

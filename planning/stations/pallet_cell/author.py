@@ -4,7 +4,8 @@ Three heavy arms stand around one pallet, 120 degrees apart. Each takes 13 boxes
 feeder and sets them down in a slotted rack of two tiers on the pallet: feeder -> pallet (with
 box) -> ready -> feeder, 39 trajectories a robot. They take turns: while one sets down, the next
 comes from its feeder and the third withdraws, so each begins its round one trajectory later than
-the one before. Positions are in metres, invented; the layout was fixed before any result was kept.
+the one before. Positions are in metres, invented. A first layout
+(no robots meeting at all) was replaced by this one for its collisions, not for its energies.
 Run `python -m planning.stations.pallet_cell.author` to write the files again.
 """
 
