@@ -3,9 +3,9 @@
     python benchmarks/ocp.py [--pairs 20] [--reliability 0] [--robots ur10e_class irb6640_class]
         [--peers rockit crocoddyl toppra]
 
-Twenty random rest-to-rest problems a robot, N = 40, drawn before anything is solved, with
+Random rest-to-rest problems (`--pairs`, 20), N = 40, drawn before anything is solved, with
 |g(q)| ≤ 0.9 u_max at both ends. For the comparison the acceleration limit is off for everybody
-(crocoddyl has none) and ours is shown with it as well. CPU is process time of the solve alone; J
+(crocoddyl has none, nor speed limits, so its J may be lower) and ours is shown with it as well. CPU is process time of the solve alone; J
 is the cost of the cubic interpolant with the torques that it needs by inverse dynamics, for
 everybody alike; ratios are per problem, medians over problems. Peers that are not installed are
 left out and named. Results: `benchmarks/results/ocp.md` and `.json`.
@@ -187,7 +187,8 @@ def main() -> None:
     parser.add_argument("--peers", nargs="+", default=["rockit", "crocoddyl", "toppra"])
     parser.add_argument("--name", default="ocp")
     options = parser.parse_args()
-    peers, missing = installed([(Rockit, "rockit"), (Crocoddyl, "crocoddyl"), (Toppra, "toppra")])
+    kinds = {"rockit": Rockit, "crocoddyl": Crocoddyl, "toppra": Toppra}
+    peers, missing = installed([(kinds[name], name) for name in options.peers])
     versions = {}
     for package in ("casadi", "pin", "numpy", "rockit-meco", "crocoddyl", "toppra"):
         try:
