@@ -52,7 +52,7 @@ class Task:
 
     def start(self, seed: int) -> np.ndarray:
         rng = np.random.default_rng([seed, 1])
-        reach = np.repeat([0.1, 0.5, 0.5, 0.5, 0.1], 6)
+        reach = np.repeat([0.1, 1.0, 1.0, 1.0, 0.1], 6)
         offset = reach * (2.0 * rng.random((POPULATION, 30)) - 1.0)
         offset[0] = 0.0
         return np.clip(self.problem.straight + offset, self.lower, self.upper)

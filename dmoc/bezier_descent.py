@@ -37,12 +37,14 @@ class DescentParams:
     Each run goes through the `smoothing_rad_s` of the kinks in turn with at most `iterations`
     steps; the price of limit excess is raised by `price_factor` up to `price_rounds` times while a
     limit is broken. At most `detours` runs whose curve touches something are led around it.
-    `num_samples` midpoints are enough for a curve of degree six.
+    The winner descends once more with `last_smoothing_rad_s`. `num_samples` midpoints are enough
+    for a curve of degree six.
     """
 
     starts: int = 4
     iterations: int = 70
     smoothing_rad_s: tuple[float, ...] = (0.05, 0.01)
+    last_smoothing_rad_s: float = 0.002
     spread_rad: float = 1.5
     price: float = 1e4
     price_factor: float = 30.0
@@ -81,7 +83,7 @@ def descend_bezier(
             x = x + offset.ravel()
         runs.append(search.run(x))
     runs.sort(key=lambda item: item[0])
-    best = _freest(search, runs, params.detours)
+    best = search.sharpened(_freest(search, runs, params.detours))
     motion = problem.motion(best)
     limits = motion.limit_use(problem.robot)
     free = not search.touches(best)
@@ -132,6 +134,13 @@ class _Search:
         x = np.clip(x, *self.box.T)
         x = self._still(self._repaired(self._within_limits(x, self.params.smoothing_rad_s, False)))
         return self._cost(x), x
+
+    def sharpened(self, x: Array) -> Array:
+        """x after a last descent with sharper friction, if that is legal and costs less."""
+        tried = self._minimise(x, self.params.last_smoothing_rad_s, self.params.price, False)
+        tried = self._still(tried)
+        better = self._cost(tried) < self._cost(x) and self._excess(tried) <= ACCEPTED
+        return tried if better and (self.touches(x) or not self.touches(tried)) else x
 
     def around(self, x: Array) -> tuple[float, Array] | None:
         """A free curve near x: drawn back to the straight line, then improved with `avoid`."""

@@ -58,7 +58,7 @@ def swarm_bezier(
     seed: int,
     params: SwarmParams = PAPER_SWARM,
     forbidden: Forbidden | None = None,
-    spread_rad: float = 0.5,
+    spread_rad: float = 1.0,
     callback: Callable[[int, float], None] | None = None,
 ) -> BezierResult:
     """Minimise the problem's metric over its five inner control points with a particle swarm.

@@ -236,5 +236,8 @@ def _goals(result: dict[str, Any], cpu: dict[str, float]) -> dict[str, Any]:
             np.mean([r["status"] == "converged" for r in references])
         ),
         "bezier_below_free_form": sum(bool(r.get("bezier_below", True)) for r in references),
+        "bezier_below_optimal_control": sum(
+            bool(r["bezier_j"] < r.get("optimal_control_j", np.inf)) for r in references
+        ),
         "references": len(references),
     }  # fmt: skip
