@@ -3,12 +3,12 @@
     python benchmarks/ocp.py [--pairs 20] [--reliability 0] [--robots ur10e_class irb6640_class]
         [--peers rockit crocoddyl toppra]
 
-Random rest-to-rest problems (`--pairs`, 20), N = 40, drawn before anything is solved, with
-|g(q)| ≤ 0.9 u_max at both ends. For the comparison the acceleration limit is off for everybody
-(crocoddyl has none, nor speed limits, so its J may be lower) and ours is shown with it as well. CPU is process time of the solve alone; J
-is the cost of the cubic interpolant with the torques that it needs by inverse dynamics, for
-everybody alike; ratios are per problem, medians over problems. Peers that are not installed are
-left out and named. Results: `benchmarks/results/ocp.md` and `.json`.
+Random rest-to-rest problems, N = 40, drawn before anything is solved, with |g(q)| ≤ 0.9 u_max at
+both ends. For the comparison the acceleration limit is off for everybody; crocoddyl has none, nor
+speed limits, so its J may be lower. Ours is shown with the limit as well. CPU is process time of
+the solve alone; J is the cost of the cubic interpolant with the torques that it needs by inverse
+dynamics, for everybody alike; ratios are per problem, medians over problems. Peers that are not
+installed are left out and named. Results: `benchmarks/results/ocp.md` and `.json`.
 """
 
 import argparse
