@@ -58,9 +58,9 @@ def plan_motion(
     little, and planned paths between the ends of the departure lines (`problem.depart_rad[-1]`,
     `problem.arrive_rad[0]`); `method="boxes"` needs collision-free seeds and leaves out the second.
     `quality="screen"` stops at 1 % and takes the first certified motion; `"final"` stops at 0.3 %
-    and takes the cheapest of all seeds. If no refined motion is certified, the time-scaled path is
-    (`source="fallback"`). `seed` makes it repeatable; `world` is the one of `clearance`, and its
-    `clearance_m` is the demanded d_c.
+    and takes the cheapest of all seeds (boxes stop at 0.1 % in both). If no refined motion is
+    certified, the time-scaled path is (`source="fallback"`). `seed` makes it repeatable; `world` is
+    the one of `clearance`, and its `clearance_m` is the demanded d_c.
 
     Failures are statuses: `in_collision` (an end, with the pair in `note`), `no_path`,
     `uncertified` (interval and pair in `note`), and what the solver reports.
@@ -69,6 +69,9 @@ def plan_motion(
     if settings is None:
         settings = RefineParams.screening() if quality == "screen" else RefineParams()
         settings = settings.replace(clearance_m=world.clearance_m)
+        if method == "boxes":
+            # They creep: at 1 % they would stop far from where they lead.
+            settings = settings.replace(stop_fraction=1e-3, max_outer=200)
     blocked = _ends_in_collision(problem, clearance)
     if blocked is not None:
         return blocked
