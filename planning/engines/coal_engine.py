@@ -37,19 +37,17 @@ class CoalEngine:
 
     def __init__(self, pieces: Sequence[Piece]) -> None:
         self._objects = [coal.CollisionObject(coal_geometry(p), coal.Transform3s()) for p in pieces]
-        self._request = coal.DistanceRequest()
-        self._request.enable_signed_distance = True
-        self._result = coal.DistanceResult()
 
     def distance(self, a: int, b: int, pose_a: Array, pose_b: Array) -> PairDistance:
         """Signed distance with nearest points; depth by EPA where the pieces overlap."""
         first, second = self._objects[a], self._objects[b]
         for item, pose in ((first, pose_a), (second, pose_b)):
             item.setTransform(coal.Transform3s(pose[:9].reshape(3, 3), pose[9:12]))
-        # A fresh result and request: a guess kept from the last call changes the last digits.
-        result = self._result
-        result.clear()
-        distance = coal.distance(first, second, self._request, result)
+        # A fresh result and request: coal keeps its last support vertices in the request, and a
+        # hint from the last call changes the last digits.
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        request.enable_signed_distance = True
+        distance = coal.distance(first, second, request, result)
         return PairDistance(
             float(distance), np.array(result.getNearestPoint1()).ravel(),
             np.array(result.getNearestPoint2()).ravel(), np.array(result.normal).ravel(),
