@@ -16,11 +16,11 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.motion import Motion, MotionProblem
-from dmoc.refinement import RefineParams, refine
+from dmoc.refinement import RefineParams
 from dmoc.refinement.params import Method
 from dmoc.resimulation import replay_motion
 from planning.alternative import departure_knots, weld_line
-from planning.departure import LineFunction, with_departure
+from planning.departure import LineFunction, best_departure
 from planning.edge_motion import EdgeParams, plan_motion
 from planning.shapes import Body
 from planning.station import Station
@@ -93,32 +93,27 @@ def solve_edge(job: EdgeJob) -> EdgeResult:
 def edge_motion(
     station: Station, world: CollisionWorld, studs: dict[str, Stud], job: EdgeJob
 ) -> Motion:
-    """The motion of a job in a world that exists already.
-
-    A final motion starts from the screened one on the finer grid; where that does not end
-    certified, it is planned from the beginning.
-    """
+    """The motion of a job in a world that exists already; a final one starts from the screened."""
     origin, target = (None if s is None else studs[s] for s in (job.origin, job.target))
     start, goal = np.array(job.start_rad), np.array(job.goal_rad)
-    problem = with_departure(
+    problem = best_departure(
         MotionProblem(station.robot, start, goal, station.cost),
         None if origin is None else _line(station, origin, start),
         None if target is None else _line(station, target, goal),
         NUM_INTERVALS[job.quality],
-    )  # fmt: skip
+    )
     clearance = world.clearance(
         start_line=None if origin is None or not origin.on else weld_line(station, origin),
         goal_line=None if target is None or not target.on else weld_line(station, target),
     )
+    guess = None
     if job.screened is not None:
         screened = decode_motion(job.screened, station.robot)
-        if screened.source == "refined" and screened.trajectory is not None:
-            motion = refine(problem, screened.trajectory, clearance, method=job.method)
-            if motion.status.ok and motion.certified:
-                return motion
+        guess = screened.trajectory if screened.source == "refined" else None
     return plan_motion(
-        problem, clearance, world, seed=job.seed, quality=job.quality, method=job.method
-    )
+        problem, clearance, world, seed=job.seed, quality=job.quality, method=job.method,
+        guess=guess,
+    )  # fmt: skip
 
 
 def _line(station: Station, stud: Stud, q_rad: Array) -> LineFunction:
