@@ -17,8 +17,9 @@ def test_rows_are_the_same_after_other_queries() -> None:
     world = CollisionWorld(station)
     deep = q[world.collide_batch(q)][:40]
     assert len(deep) == 40
-    fresh, used = CollisionWorld(station).clearance(), CollisionWorld(station).clearance()
-    used.rows(deep[::-1], 0.2)
-    first, second = fresh.rows(deep, 0.2), used.rows(deep, 0.2)
-    np.testing.assert_array_equal(first.distance_m, second.distance_m)
-    np.testing.assert_array_equal(first.gradient, second.gradient)
+    forward, backward = CollisionWorld(station).clearance(), CollisionWorld(station).clearance()
+    first = [forward.rows(row[None], 0.2) for row in deep]
+    second = [backward.rows(row[None], 0.2) for row in deep[::-1]][::-1]
+    for a, b in zip(first, second):
+        np.testing.assert_array_equal(a.distance_m, b.distance_m)
+        np.testing.assert_array_equal(a.gradient, b.gradient)
