@@ -84,6 +84,7 @@ def descend_bezier(
         runs.append(search.run(x))
     runs.sort(key=lambda item: item[0])
     best = search.sharpened(_freest(search, runs, params.detours))
+    best = search.within_limits_exactly(best)
     motion = problem.motion(best)
     limits = motion.limit_use(problem.robot)
     free = not search.touches(best)
@@ -201,6 +202,18 @@ class _Search:
             fits = self._excess(self.straight + middle * (x - self.straight)) <= ACCEPTED
             low, high = (middle, high) if fits else (low, middle)
         return self.straight + low * (x - self.straight)
+
+    def within_limits_exactly(self, x: Array) -> Array:
+        """x, or the first of 24 steps towards the straight line that keeps limits everywhere.
+
+        A peak of torque between samples or at an end may be a percent beyond what they saw.
+        """
+        for share in np.linspace(1.0, 0.0, 25):
+            tried = self.straight + share * (x - self.straight)
+            use = self.problem.motion(tried).limit_use(self.problem.robot)
+            if max(use.values()) <= 1.0 and (self.touches(x) or not self.touches(tried)):
+                return tried
+        return x
 
     def _still(self, x: Array) -> Array:
         """x with idle joints standing still wherever that costs less.
