@@ -256,7 +256,16 @@ def _finish(json: bool, command: object) -> None:
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         console.say("interrupted; finished edges are kept and the next run goes on from them")
+        console.result({"status": "interrupted"})
         raise SystemExit(130) from None
+    except OSError as error:
+        fault = Fault(
+            "file-access", file=str(error.filename or ""), value=error.strerror or str(error),
+            legal="files that can be read and folders that can be written",
+            fix="check --out and the paths, their permissions and the free space",
+        )  # fmt: skip
+        console.errors((fault,))
+        raise SystemExit(2) from None
     console.result(outcome.data)
     raise SystemExit(outcome.exit_code)
 

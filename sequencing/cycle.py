@@ -16,6 +16,7 @@ from dmoc.motion import Motion
 from dmoc.refinement.params import Method
 from planning.alternative import StudAlternatives
 from planning.alternatives_search import alternatives
+from planning.check import check_home
 from planning.station import Station
 from planning.world import CollisionWorld
 from sequencing import gtsp
@@ -126,6 +127,7 @@ def plan_station(
 
     tell(PlanEvent("alternatives"))
     world = CollisionWorld(station)
+    check_home(station, world)
     found = alternatives(station, world)
     unreachable = tuple(
         (item.stud.id, reason_text(item)) for item in found if not item.alternatives
@@ -151,7 +153,8 @@ def plan_station(
     finally:
         oracle.close()
     return Cycle(
-        station=station, seed=seed, method=method, tour=best.tour, welds=best.welds,
+        station=station, seed=seed, method=method,
+        tour=replace(best.tour, lower_bound=search.lower_bound, proven=False), welds=best.welds,
         motions=best.motions, tables=tables, search=search,
         configurations=nodes.num_configurations, unreachable=unreachable,
     )  # fmt: skip
@@ -168,6 +171,7 @@ class _Executed:
     """A tour with its final motions, in order of execution."""
 
     tour: Tour
+    pairs: tuple[tuple[int, int], ...]
     welds: tuple[Weld, ...]
     motions: tuple[CycleMotion, ...]
     cost: CycleCost
@@ -176,7 +180,7 @@ class _Executed:
 def _best_cycle(
     oracle: StationEdges, settings: PlanStop, factor: float, seed: int, tell: Progress
 ) -> tuple[_Executed, LazyResult]:
-    """The lazy loop, repeated while a final motion of its tour cannot be certified."""
+    """The lazy loop, repeated until every motion of its tour is final and certified."""
     nodes, station = oracle.nodes, oracle.station
     base = nodes.problem(_zero_costs(nodes), station)
 
@@ -193,9 +197,11 @@ def _best_cycle(
             raise NoCycle({"cycle": _why_no_cycle(oracle, result)})
         tell(PlanEvent("final motions", None, result.tour.cost, result.conditional_gap))
         executed, failed = execute(oracle, result.tour)
-        if not failed:
-            return executed, result
         oracle.forbid(failed)
+        # The loop goes on with the final costs until its tour consists of nothing else: cost and
+        # gaps then speak of the cycle that is delivered.
+        if not failed and not oracle.settle(executed.pairs, executed.motions):
+            return executed, result
     raise NoCycle({"cycle": f"no tour with certified final motions in {MAX_FINAL_REPAIRS} tries"})
 
 
@@ -204,6 +210,11 @@ def _zero_costs(nodes: StationNodes) -> np.ndarray:
 
 
 def _why_no_cycle(oracle: StationEdges, result: LazyResult) -> str:
+    if result.status == "evaluation_limit":
+        return (
+            f"the limit of {result.evaluations} evaluations was reached before any whole cycle was "
+            "solved: raise --max-evaluations; the edges solved so far are kept"
+        )
     failed = sum(1 for value in oracle.costs.values() if not np.isfinite(value))
     return (
         f"{result.status}: {failed} of {len(oracle.costs)} solved travels have no certified "
@@ -239,7 +250,8 @@ def execute(oracle: StationEdges, tour: Tour) -> tuple[_Executed, list[tuple[int
     travel = float(sum(item.motion.cost for item in motions))
     cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
     rotated = replace(tour, nodes=tuple(order))
-    return _Executed(rotated, welds, motions, cost), failed
+    directed = tuple((int(i), int(j)) for i, j in pairs)
+    return _Executed(rotated, directed, welds, motions, cost), failed
 
 
 def _cycle_motion(nodes: StationNodes, index: int, i: int, j: int, motion: Motion) -> CycleMotion:
@@ -249,36 +261,35 @@ def _cycle_motion(nodes: StationNodes, index: int, i: int, j: int, motion: Motio
 
 
 def _search(oracle: StationEdges, best: _Executed, result: LazyResult, factor: float) -> Search:
-    """What is proven: an exact (or relaxed) minimum over solved costs and strict bounds."""
+    """What is proven: the minimum over lower bounds that hold for every motion there is.
+
+    Solved costs do not enter it: they are local optima, and an edge that failed is not proven to
+    be impossible.
+    """
     nodes = oracle.nodes
-    mixed = strict_costs(oracle)
     strict = gtsp.solve(
-        nodes.problem(mixed, oracle.station), seed=oracle.seed, method="exact",
+        nodes.problem(bound_costs(oracle), oracle.station), seed=oracle.seed, method="exact",
         initial=[best.tour],
     )  # fmt: skip
-    total = result.tour.cost
+    total = best.cost.total
     bound = min(strict.lower_bound, total)
     failed = sum(1 for value in oracle.costs.values() if not np.isfinite(value))
     return Search(
         edges_total=len(nodes.usable_pairs()), edges_evaluated=len(oracle.costs),
         edges_failed=failed, lower_bound=bound, bound_is_proven=bool(np.isfinite(bound)),
         gap_percent=100.0 * (total - bound) / total, conditional_factor=factor,
-        conditional_gap_percent=100.0 * result.conditional_gap, stopped_by=result.status,
-        rounds=tuple(_round(r) for r in result.rounds),
+        conditional_gap_percent=100.0 * max(0.0, total - result.conditional_bound) / total,
+        stopped_by=result.status, rounds=tuple(_round(r) for r in result.rounds),
     )  # fmt: skip
 
 
-def strict_costs(oracle: StationEdges) -> np.ndarray:
-    """(V, V): solved costs where there are any, else proven lower bounds."""
+def bound_costs(oracle: StationEdges) -> np.ndarray:
+    """(V, V): proven lower bounds of all travels, inf within a stud."""
     nodes = oracle.nodes
     pairs = nodes.usable_pairs()
-    mixed = np.full((nodes.num_nodes, nodes.num_nodes), np.inf)
-    bounds = oracle.bound(pairs)
-    mixed[pairs[:, 0], pairs[:, 1]] = bounds
-    mixed[pairs[:, 1], pairs[:, 0]] = bounds
-    for (i, j), value in oracle.costs.items():
-        mixed[i, j] = mixed[j, i] = value
-    return mixed
+    table = np.full((nodes.num_nodes, nodes.num_nodes), np.inf)
+    table[pairs[:, 0], pairs[:, 1]] = table[pairs[:, 1], pairs[:, 0]] = oracle.bound(pairs)
+    return table
 
 
 def _round(item: LazyRound) -> dict[str, Any]:

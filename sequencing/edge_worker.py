@@ -129,7 +129,7 @@ def context_fingerprint(station: Station, method: str) -> str:
     digest.update(f"{EDGE_VERSION}|{method}|{station.cost!r}|{station.clearance_m!r}".encode())
     digest.update(repr(sorted(station.allowed_collisions)).encode())
     digest.update(repr((RefineParams(), EdgeParams(), NUM_INTERVALS)).encode())
-    for name in ("casadi", "pin", "coal", "ompl", "numpy", "toppra"):
+    for name in ("dmoc", "casadi", "pin", "coal", "ompl", "numba", "numpy", "scipy", "toppra"):
         digest.update(f"{name}={version(name)};".encode())
     digest.update(station.robot.fingerprint.encode())
     for body in (*station.tool_bodies, *station.obstacles):

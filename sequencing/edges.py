@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +18,7 @@ from dmoc.motion import Motion
 from dmoc.refinement.params import Method
 from planning.station import Station
 from planning.world import CollisionWorld
+from sequencing.cycle_types import CycleMotion
 from sequencing.edge_worker import (
     EdgeJob,
     EdgeResult,
@@ -140,6 +141,15 @@ class StationEdges:
         for i, j in pairs:
             self.costs[self._canonical(i, j)] = np.inf
 
+    def settle(self, pairs: Sequence[tuple[int, int]], motions: Sequence[CycleMotion]) -> bool:
+        """Take over the costs of final motions; True if that changed any."""
+        changed = False
+        for (i, j), item in zip(pairs, motions):
+            pair = self._canonical(i, j)
+            changed |= self.costs[pair] != item.motion.cost
+            self.costs[pair] = item.motion.cost
+        return changed
+
     def train(self, count: int) -> LearnedEstimate:
         """Solve a fixed set of edges and fit the estimate to them."""
         training, held = training_pairs(self._pairs, self._rough.cost, count, self.seed)
@@ -206,7 +216,7 @@ class StationEdges:
         stud = next(s for s in self.station.studs if s.id == stud_id)
         return (
             tuple(stud.position_m), tuple(stud.normal), tuple(stud.depart_direction),
-            stud.depart_m, stud.on,
+            stud.depart_m, stud.on, self.station.stray_m,
         )  # fmt: skip
 
     def _stud(self, node: int) -> str | None:

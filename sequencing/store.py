@@ -14,6 +14,7 @@ from types import TracebackType
 
 import numpy as np
 
+from dmoc.errors import Fault, InputError
 from dmoc.motion import Motion
 from dmoc.robot import Robot
 from dmoc.status import Status
@@ -63,13 +64,20 @@ class EdgeStore:
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._db = sqlite3.connect(self.path, timeout=30.0)
-        self._db.execute("PRAGMA journal_mode=WAL")
-        self._db.execute("PRAGMA synchronous=NORMAL")
-        self._db.execute(
-            "CREATE TABLE IF NOT EXISTS edges (key TEXT PRIMARY KEY, payload BLOB NOT NULL)"
-        )
-        self._db.commit()
+        try:
+            self._db = sqlite3.connect(self.path, timeout=30.0)
+            self._db.execute("PRAGMA journal_mode=WAL")
+            self._db.execute("PRAGMA synchronous=NORMAL")
+            self._db.execute(
+                "CREATE TABLE IF NOT EXISTS edges (key TEXT PRIMARY KEY, payload BLOB NOT NULL)"
+            )
+            self._db.commit()
+        except sqlite3.DatabaseError as error:
+            raise InputError(
+                Fault("store-damaged", file=str(self.path), value=str(error),
+                      legal="a store of solved edges (sqlite)",
+                      fix="remove the file; its edges are solved again")
+            ) from error  # fmt: skip
 
     def get(self, key: str) -> bytes | None:
         """The bytes under `key`, or None."""

@@ -50,7 +50,7 @@ def run_plan(
     """Plan, write the run folder, print the tables; exit 3 with reasons where there is no cycle."""
     began = time.perf_counter()
     station = open_station(station_name)
-    folder = out or Path("runs") / station.name
+    folder = out or Path("runs") / run_name(station.name)
     stop = PlanStop(conditional_gap=conditional_gap, max_evaluations=max_evaluations)
     try:
         with (
@@ -80,6 +80,12 @@ def run_plan(
         "motions.npz"
     )
     return Outcome(headline(cycle, wall, folder), 0 if not cycle.unreachable else 3)
+
+
+def run_name(name: str) -> str:
+    """A folder name for a station's name: letters, digits, dots, dashes, no path."""
+    kept = "".join(c if c.isalnum() or c in "._-" else "_" for c in name).strip(".")
+    return kept or "station"
 
 
 def headline(cycle: Cycle, wall_s: float, out: Path) -> dict[str, Any]:

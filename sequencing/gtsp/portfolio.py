@@ -22,6 +22,8 @@ __all__ = ["solve"]
 METHODS = ("auto", "heuristic", "exact", "held-karp", "memetic", "ruin-recreate")
 PROOF_TOLERANCE = 1e-7
 SMALL_TABLE_BYTES = 4 << 20  # Held–Karp takes milliseconds
+INSTANT_STEPS = 20_000_000  # of Held–Karp: some 20 ms
+LARGEST_STEPS = 5_000_000_000
 AVOID = 0.3  # of a mean travel: what it costs a tour of the pool to repeat one
 
 
@@ -60,6 +62,12 @@ def solve(
         return Tour((), math.inf, math.inf, True, "a cluster has no available node")
     if problem.num_clusters == 1:
         return _one_cluster(problem, form)
+    if method in ("auto", "heuristic", "exact") and pool <= 1 and _is_instant(form, limits):
+        # Few clusters of many nodes: the exact answer costs less than a round of improvement.
+        exact, bound = held_karp(form, math.inf, limits.memory_bytes)
+        if exact is None:
+            return Tour((), math.inf, bound, True, "held-karp")
+        return finish(problem, form, form.lift(exact), bound, "held-karp")
     generator = np.random.default_rng(seed)
     start = [n for n in map(form.lower, as_tours(initial)) if n is not None]
     found = _heuristic(problem, form, limits, effort, method, generator, start, callback)
@@ -82,6 +90,20 @@ def solve(
     if pool > 1 and tour.found:
         return replace(tour, pool=_pool(problem, found, pool, seed))
     return tour
+
+
+def _is_instant(form: NormalForm, limits: Stop) -> bool:
+    """Whether Held–Karp needs fewer steps than the heuristic would take anyway.
+
+    Few clusters of many nodes: one exact optimisation of the clusters along a fixed order, which
+    the heuristic repeats all the time, is nearly as dear as the whole table.
+    """
+    sizes = np.diff(form.ptr)
+    roots = 1 if form.pinned else int(sizes.min())
+    table = table_bytes(form) // 4 * form.num_nodes * roots
+    rounds = 10_000 if limits.iterations is None else limits.iterations
+    heuristic = rounds * form.num_nodes * int(sizes.mean()) * roots // 10
+    return table <= min(max(INSTANT_STEPS, heuristic), LARGEST_STEPS)
 
 
 def finish(
