@@ -131,9 +131,7 @@ def main() -> None:
     parser.add_argument("--stations", default=",".join(STATIONS))
     parser.add_argument("--configurations", type=int, default=2000)
     options = parser.parse_args()
-    results = {
-        name: measure(name, options.configurations) for name in options.stations.split(",")
-    }
+    results = {name: measure(name, options.configurations) for name in options.stations.split(",")}
     names = list(results)
     keys = list(results[names[0]])
     rows = [[key, *(results[n][key] for n in names), GOALS.get(key, "")] for key in keys]

@@ -67,7 +67,10 @@ def solve(
         exact, bound = held_karp(form, math.inf, limits.memory_bytes)
         if exact is None:
             return Tour((), math.inf, bound, True, "held-karp")
-        return finish(problem, form, form.lift(exact), bound, "held-karp")
+        # Once more below the cost just found: finer rounding, and with it the proof.
+        nodes = form.lift(exact)
+        _, bound = held_karp(form, problem.tour_cost(nodes), limits.memory_bytes)
+        return finish(problem, form, nodes, bound, "held-karp")
     generator = np.random.default_rng(seed)
     start = [n for n in map(form.lower, as_tours(initial)) if n is not None]
     found = _heuristic(problem, form, limits, effort, method, generator, start, callback)
