@@ -133,8 +133,8 @@ spin_steps: 12
 departure: {{direction: normal, length_m: 0.03}}
 # {count} joint angles, or null for a closed cycle without a home pose.
 home_rad: null
-# Weld poses keep this distance, motions are optimised to keep it; the certificate proves that nothing
-# touches, with 2 mm to spare for the controller.
+# Weld poses keep this distance and motions are optimised to keep it; the certificate proves that
+# nothing touches, with 2 mm to spare for the controller.
 clearance_m: 0.02
 # J = integral of time + effort * torque^2 + velocity * speed^2.
 cost: {{time: 1.0, effort: 1.0e-6, velocity: 1.0}}

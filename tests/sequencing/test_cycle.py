@@ -5,10 +5,13 @@ from __future__ import annotations
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import pairwise, permutations, product
 
+import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
+from mujoco_arm import mujoco_model
 
 from planning.station import Station, demo_station
 from planning.world import CollisionWorld
@@ -76,6 +79,36 @@ def test_another_engine_sees_no_contact_away_from_the_welds(cycle, station) -> N
         away = (times > 0.3) & (times < trajectory.duration_s - 0.3)
         for q in trajectory.sample(times[away]).q_rad:
             assert world.collide(q) is None
+
+
+def test_mujoco_drives_the_motions_of_the_cycle(cycle) -> None:
+    """Open loop over four intervals, and the whole motion with a controller's feedback."""
+    model = cycle.station.robot.model
+    data = model.createData()
+    for item in cycle.motions:
+        trajectory = item.motion.trajectory
+        steps = 8
+        h = trajectory.duration_s / trajectory.num_intervals / steps
+        arm = mujoco_model(model, h)
+        state, worst = mujoco.MjData(arm), 0.0
+        for k in range(0, trajectory.num_intervals, 4):
+            state.qpos[:], state.qvel[:] = trajectory.q_rad[k], trajectory.velocity_rad_s[k]
+            for j in range(4):
+                state.qfrc_applied[:] = trajectory.torque_nm[k + j]
+                mujoco.mj_step(arm, state, steps)
+            worst = max(worst, float(np.abs(state.qpos - trajectory.q_rad[k + 4]).max()))
+        assert worst < 0.02
+        assert item.motion.replay_error_rad == pytest.approx(worst, rel=0.05, abs=1e-4)
+        state.qpos[:], state.qvel[:] = trajectory.q_rad[0], trajectory.velocity_rad_s[0]
+        strayed, width = 0.0, 15.0
+        for i in range(trajectory.num_intervals * steps):
+            wanted = trajectory.sample(trajectory.t_s[0] + i * h)
+            error, slip = wanted.q_rad[0] - state.qpos, wanted.velocity_rad_s[0] - state.qvel
+            push = wanted.acceleration_rad_s2[0] + width**2 * error + 2 * width * slip
+            state.qfrc_applied[:] = pin.rnea(model, data, state.qpos, state.qvel, push)
+            mujoco.mj_step(arm, state)
+            strayed = max(strayed, float(np.abs(error).max()))
+        assert strayed < 5e-3
 
 
 def test_costs_add_up(cycle) -> None:
@@ -153,7 +186,7 @@ def test_lazy_finds_the_optimum_of_the_full_matrix(station, store_path) -> None:
 def _tour_cost(oracle: StationEdges, order: tuple[int, ...]) -> float:
     nodes = oracle.nodes
     stops = [nodes.home, *order, nodes.home]
-    travel = sum(oracle.costs[tuple(sorted(pair))] for pair in zip(stops, stops[1:]))
+    travel = sum(oracle.costs[tuple(sorted(pair))] for pair in pairwise(stops))
     return float(travel + nodes.weld_cost[list(order)].sum())
 
 
