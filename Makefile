@@ -68,3 +68,4 @@ lock: $(STAMP_ALL)
 
 clean:
 	rm -rf $(VENV) build dist runs docs/_site notebooks/_built .pytest_cache .mypy_cache .ruff_cache
+	find . -name "*.nb[ic]" -delete

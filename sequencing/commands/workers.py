@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -12,10 +14,15 @@ from contextlib import contextmanager
 __all__ = ["worker_pool"]
 
 
-def _ignore_interrupt() -> None:
+PR_SET_PDEATHSIG = 1
+
+
+def _prepare_worker() -> None:
     # The parent decides what an interrupt means; a worker that dies of it would break the pool.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    if sys.platform == "linux":  # a parent that is killed cannot end its workers: the kernel does
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 @contextmanager
@@ -26,7 +33,7 @@ def worker_pool(workers: int) -> Iterator[Executor | None]:
         yield None
         return
     pool = ProcessPoolExecutor(
-        count, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupt
+        count, mp_context=multiprocessing.get_context("spawn"), initializer=_prepare_worker
     )
     try:
         yield pool
