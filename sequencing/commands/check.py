@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from planning.check import check_station
 from planning.init_station import init_station
 from planning.station import available_stations, demo_station
-from sequencing.commands.console import Console, Outcome, plain
+from sequencing.commands.console import Console, Outcome, save_json
 
 __all__ = ["run_check", "run_init"]
 
@@ -22,9 +21,7 @@ def run_check(console: Console, station: str, out: Path | None) -> Outcome:
     for row in studs:
         reason = f"  {row['reason']}" if row["reason"] else ""
         console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{reason}")
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "check.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    save_json(out, "check.json", data)
     missing = [row["id"] for row in studs if not row["alternatives"]]
     if missing:
         console.say("no alternative for " + ", ".join(missing))

@@ -7,11 +7,12 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from dmoc.errors import Fault
 
-__all__ = ["Console", "Outcome", "plain"]
+__all__ = ["Console", "Outcome", "plain", "save_json"]
 
 
 @dataclass(frozen=True)
@@ -64,3 +65,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def save_json(folder: Path | None, name: str, data: Mapping[str, Any]) -> None:
+    """Write the object of `--json` to `folder`/`name`, if a folder was asked for."""
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        text = json_module.dumps(plain(data), indent=1)
+        (folder / name).write_text(text, encoding="utf-8")

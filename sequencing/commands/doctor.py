@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import time
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sequencing.commands.console import Console, Outcome, plain
+from sequencing.commands.console import Console, Outcome, save_json
 
 __all__ = ["run_doctor"]
 
@@ -53,9 +52,7 @@ def run_doctor(console: Console, out: Path | None) -> Outcome:
     )
     console.show(f"  robots       {', '.join(available_robots())}")
     console.show(f"  solve        {motion.status.value}, cost {motion.cost:.6g}")
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "doctor.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    save_json(out, "doctor.json", data)
     return Outcome(data, 0 if motion.status.ok else 3)
 
 

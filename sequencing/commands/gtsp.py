@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from sequencing.commands.console import Console, Outcome, plain
+from sequencing.commands.console import Console, Outcome, save_json
 from sequencing.gtsp.command import run_gtsp_file
 
 __all__ = ["run_gtsp"]
@@ -19,7 +18,5 @@ def run_gtsp(
     proof = "proven optimal" if data["proven"] else f"lower bound {data['lower_bound']}"
     console.show(f"cost {data['cost']} ({proof}), {data['method']}, {data['cpu_s']:.2f} s CPU")
     console.show("tour " + " ".join(str(node) for node in data["tour"]))
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "tour.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    save_json(out, "tour.json", data)
     return Outcome(data, 0 if data["tour"] else 3)

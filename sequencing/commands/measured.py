@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from sequencing.commands.console import Console, Outcome, plain
+from sequencing.commands.console import Console, Outcome, plain, save_json
 from sequencing.measured import measured_against_plan
 
 __all__ = ["run_measured"]
@@ -16,7 +16,5 @@ def run_measured(console: Console, log: Path, run: Path, out: Path | None) -> Ou
     data = measured_against_plan(log, run)
     for key, value in data.items():
         console.show(f"{key}: {json.dumps(plain(value))}")
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "measured.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    save_json(out, "measured.json", data)
     return Outcome(data)

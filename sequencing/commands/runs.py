@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from dmoc.errors import Fault, InputError
 from dmoc.robot import Robot
-from sequencing.commands.console import Console, Outcome, plain
+from sequencing.commands.console import Console, Outcome, save_json
 from sequencing.export.exporting import export_run
 from sequencing.report.curves import write_curves
 from sequencing.report.html import write_report
@@ -52,9 +51,7 @@ def run_compare(console: Console, first: Path, second: Path, out: Path | None) -
     """Costs of two runs side by side."""
     data = compare_runs(read_run(first), read_run(second))
     console.show(comparison_text(data))
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "compare.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    save_json(out, "compare.json", data)
     return Outcome(data)
 
 

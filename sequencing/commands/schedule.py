@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import planning
 from dmoc.status import Status
-from sequencing.commands.console import Console, Outcome, plain
+from sequencing.commands.console import Console, Outcome, save_json
 from sequencing.report.tables import markdown_table, number
 from sequencing.timing import run_schedule
 
@@ -21,9 +20,7 @@ def run_schedule_command(console: Console, cell: str, seed: int, out: Path | Non
     data = run_schedule(embedded if embedded.is_file() else cell, seed, progress=console.say)
     console.show(cases_table(data["cases"]))
     console.show(f"best: {data['best']}, {number(data['energy_j'])} J")
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "schedule.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    save_json(out, "schedule.json", data)
     return Outcome(data, 0 if data["status"] == Status.CONVERGED else 3)
 
 

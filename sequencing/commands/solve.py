@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from dmoc.errors import Fault, InputError
 from dmoc.motion import Motion, MotionProblem
 from dmoc.robot import load_robot
 from dmoc.solver import solve
-from sequencing.commands.console import Console, Outcome, plain
+from sequencing.commands.console import Console, Outcome, save_json
 
 __all__ = ["parse_vector", "run_solve"]
 
@@ -64,9 +63,7 @@ def run_solve(
     )
     if not motion.status.ok:
         console.say(f"{motion.status.value}: {motion.status.advice} {motion.note}".rstrip())
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "motion.json").write_text(json.dumps(plain(data), indent=1), encoding="utf-8")
+    save_json(out, "motion.json", data)
     return Outcome(data, 0 if motion.status.ok else 3)
 
 
