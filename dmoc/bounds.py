@@ -129,7 +129,7 @@ def cost_weights(problem: MotionProblem) -> Array:
     if not isinstance(cost, Cost):
         return np.array([cost.time, cost.energy, cost.velocity])
     weights = np.array([cost.time, cost.effort, cost.velocity])
-    if cost.state_matrix is None and cost.torque_matrix is None:
+    if not cost.has_matrices:
         return weights
     state = np.zeros((2 * n, 2 * n)) if cost.state_matrix is None else np.array(cost.state_matrix)
     torque = np.zeros((n, n)) if cost.torque_matrix is None else np.array(cost.torque_matrix)

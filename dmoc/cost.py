@@ -74,6 +74,11 @@ class Cost:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _semidefinite(getattr(self, name), name))
 
+    @property
+    def has_matrices(self) -> bool:
+        """Whether Q or R is there."""
+        return self.state_matrix is not None or self.torque_matrix is not None
+
     def matrix_rate(self, q_rad: np.ndarray, v: np.ndarray, torque_nm: np.ndarray) -> np.ndarray:
         """xᵀQx + uᵀRu (K,) for rows of q, q̇, u (K, n); zero without matrices."""
         rate = np.zeros(len(q_rad))
@@ -85,9 +90,15 @@ class Cost:
         return rate
 
     def holding_rate(self, torque_nm: np.ndarray) -> np.ndarray:
-        """Cost per second of standing still with joint torques `torque_nm` (..., n)."""
+        """Cost per second of standing still with joint torques `torque_nm` (..., n).
+
+        R counts; a state matrix does not, because the joints are not known here.
+        """
         torque = np.asarray(torque_nm, dtype=float)
-        return self.time + self.effort * np.sum(torque * torque, axis=-1)
+        rate = self.time + self.effort * np.sum(torque * torque, axis=-1)
+        if self.torque_matrix is not None:
+            rate = rate + np.sum((torque @ np.array(self.torque_matrix)) * torque, axis=-1)
+        return rate
 
 
 @dataclass(frozen=True)

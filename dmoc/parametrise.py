@@ -187,16 +187,17 @@ def _finish(
     if problem.duration_s is not None:
         kappa = problem.duration_s / t[-1]
         within = within and kappa >= least * (1 - 1e-9)
-    elif isinstance(problem.cost, Cost):
+    elif isinstance(problem.cost, Cost) and not problem.cost.has_matrices:
         kappa = best_slowdown(
             *slowdown_coefficients(problem.cost, step, mid.velocity_rad_s, gravity, moving), least
         )
     else:
-        kappa = _searched_slowdown(problem, step, mid[1:3], gravity, moving, least)
+        kappa = _searched_slowdown(problem, step, mid[:3], gravity, moving, least)
     torque = gravity + moving / kappa**2
     rate = cost_rate(
-        problem.cost, robot, mid.velocity_rad_s / kappa, mid.acceleration_rad_s2 / kappa**2, torque
-    )
+        problem.cost, robot, mid.q_rad, mid.velocity_rad_s / kappa,
+        mid.acceleration_rad_s2 / kappa**2, torque,
+    )  # fmt: skip
     slowed = JointTrajectory(t * kappa, q, raw.velocity_rad_s / kappa, torque, robot)
     return TimedPath(slowed, float(np.sum(rate * step) * kappa), law, within)
 
@@ -220,7 +221,10 @@ def least_slowdown(
 def slowdown_coefficients(
     cost: Cost, step_s: Array, velocity: Array, gravity: Array, moving: Array
 ) -> tuple[float, float, float]:
-    """α, β, γ of J(κ) = ακ + β/κ + γ/κ³ from K samples that each stand for `step_s` (K,)."""
+    """α, β, γ of J(κ) = ακ + β/κ + γ/κ³ from K samples that each stand for `step_s` (K,).
+
+    Of the scalar weights only: with Q or R matrices the best κ is searched instead.
+    """
     alpha = np.sum(step_s * (cost.time + cost.effort * np.sum(gravity**2, axis=1)))
     beta = np.sum(
         step_s
@@ -247,7 +251,7 @@ def best_slowdown(alpha: float, beta: float, gamma: float, least: float = 1.0) -
 def _searched_slowdown(
     problem: MotionProblem,
     step: Array,
-    motion: tuple[Array, Array],
+    motion: tuple[Array, Array, Array],
     gravity: Array,
     moving: Array,
     least: float,
@@ -256,7 +260,7 @@ def _searched_slowdown(
 
     def total(kappa: float) -> float:
         rate = cost_rate(
-            problem.cost, problem.robot, motion[0] / kappa, motion[1] / kappa**2,
+            problem.cost, problem.robot, motion[0], motion[1] / kappa, motion[2] / kappa**2,
             gravity + moving / kappa**2,
         )  # fmt: skip
         return float(np.sum(rate * step) * kappa)

@@ -79,7 +79,7 @@ def motion_programme(problem: MotionProblem, families: Families) -> MotionProgra
     """The programme for `problem` with `families` of rows, built once per process and backend."""
     robot, cost = problem.robot, problem.cost
     kind = type(cost).__name__
-    if isinstance(cost, Cost) and _has_matrices(cost):
+    if isinstance(cost, Cost) and cost.has_matrices:
         kind = "matrices"
     drive = ""
     if not isinstance(cost, Cost):
@@ -95,14 +95,10 @@ def motion_programme(problem: MotionProblem, families: Families) -> MotionProgra
     return _PROGRAMMES[key]
 
 
-def _has_matrices(cost: Cost) -> bool:
-    return cost.state_matrix is not None or cost.torque_matrix is not None
-
-
 def _cost_stage(problem: MotionProblem) -> Stage:
     n, cost = problem.robot.num_joints, problem.cost
     if isinstance(cost, Cost):
-        return matrix_stage(n) if _has_matrices(cost) else quadratic_stage(n)
+        return matrix_stage(n) if cost.has_matrices else quadratic_stage(n)
     drive = drive_from_mapping(problem.robot.drive, n)
     if np.any(drive.extra_inertia_kg_m2):
         raise ProblemError(

@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array
+from dmoc.constraints import EndCost
 from dmoc.cost import Cost, ElectricalCost
 from dmoc.errors import Fault, ProblemError
 from dmoc.motion import Motion, Replay
@@ -35,13 +36,16 @@ TRACKING_RAD_S = 15.0
 
 
 def replay_motion(
-    motion: Motion, cost: Cost | ElectricalCost | None = None, wrench: Array | None = None
+    motion: Motion,
+    cost: Cost | ElectricalCost | None = None,
+    wrench: Array | None = None,
+    end_cost: EndCost | None = None,
 ) -> Motion:
     """The same motion with `replay` and `replay_error_rad` (its largest window error) filled in.
 
-    `cost` prices the interpolant (default `Cost()`); `wrench` (6,) is the problem's, if it had
-    one. Errors: `ProblemError` when the motion has no
-    trajectory or the trajectory no robot.
+    `cost` prices the interpolant (default `Cost()`); `wrench` (6,) and `end_cost` are the
+    problem's, if it had any: then the price agrees with `motion.cost` to second order in the step.
+    Errors: `ProblemError` when the motion has no trajectory or the trajectory no robot.
     """
     trajectory = motion.trajectory
     robot = None if trajectory is None else trajectory.robot
@@ -68,7 +72,7 @@ def replay_motion(
         window_error_rad=np.abs(errors), window_intervals=width,
         tracking_error_rad=float(np.max(np.abs(tracked - trajectory.q_rad))),
         open_loop_error_rad=float(np.max(np.abs(free[-1] - trajectory.q_rad[-1]))),
-        cost=trajectory_cost(trajectory, robot, cost or Cost()),
+        cost=trajectory_cost(trajectory, robot, cost or Cost(), wrench, end_cost),
     )  # fmt: skip
     return motion.replace(replay=replay, replay_error_rad=float(replay.window_error_rad.max()))
 
