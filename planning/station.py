@@ -26,7 +26,8 @@ class Station:
     `robot` has tool inertia, payload and base applied. `tool_bodies` are posed in the flange
     frame, the one with `touches` meets the weld; `obstacles` in the world. `allowed_collisions`
     are the pairs that are never checked: neighbours in the chain, tool against the link that
-    carries it, what stands still against what stands still, and those the files name.
+    carries it, what stands still against what stands still, and those the files name (robot.yaml,
+    station.yaml, its SRDF). `engine` measures distances in the worlds of this station.
     `stray_m`: how far the tip may stray from a departure line while tip and part may touch.
     `fingerprint` changes with anything that changes a motion or an alternative; stations of equal
     fingerprint are equal.
@@ -46,6 +47,7 @@ class Station:
     source: Path
     fingerprint: str
     stray_m: float = 0.005
+    engine: str = "native"
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Station) and self.fingerprint == other.fingerprint

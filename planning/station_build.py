@@ -19,6 +19,7 @@ from dmoc.robot import Robot
 from dmoc.yaml_file import FieldPath, YamlTree, field_name, read_yaml
 from planning.nearest import body_distance_m
 from planning.shapes import Body
+from planning.srdf import read_srdf
 from planning.station import Station
 from planning.station_file import ObstacleEntry, RobotEntry, StationFile, ToolEntry, faults_of
 from planning.station_parts import Refuse, build_obstacle, build_robot, build_tool
@@ -58,16 +59,17 @@ def build_station(path: Path) -> Station:
     home = _home(entry, robot, sections)
     names = _names(robot, bodies, obstacles, sections)
     _check_pairs(entry, names, {stud.id for stud in studs}, sections)
+    semantic = sections.srdf(entry, names, names - {body.name for body in obstacles})
     if faults:
         raise InputError(faults)
-    allowed = _allowed(robot, bodies, obstacles, entry)
+    allowed = _allowed(robot, bodies, obstacles, (*entry.allowed_collisions, *semantic))
     cost = Cost(time=entry.cost.time, effort=entry.cost.effort, velocity=entry.cost.velocity)
     station = Station(
         name=entry.name, robot=robot, tool_bodies=bodies, obstacles=obstacles, studs=studs,
         spin_steps=entry.spin_steps, home_rad=home, clearance_m=entry.clearance_m, cost=cost,
         precedence=tuple((first, second) for first, second in entry.precedence),
         allowed_collisions=allowed, source=path.resolve(), fingerprint="",
-        stray_m=entry.departure.stray_m,
+        stray_m=entry.departure.stray_m, engine=entry.engine,
     )  # fmt: skip
     object.__setattr__(station, "fingerprint", _fingerprint(station))
     return station
@@ -145,6 +147,18 @@ class _Sections:
             return ()
         departure = self._departure()
         return self._try(("studs",), lambda: read_studs(file, departure)) or ()
+
+    def srdf(
+        self, entry: StationFile, known: set[str], links: set[str]
+    ) -> tuple[tuple[str, str], ...]:
+        """The pairs that the SRDF file exempts; none without a file."""
+        name, field = entry.srdf, ("srdf",)
+        if name is None:
+            return ()
+        file = self._try(field, lambda: confined(name, self.folder, str(self.path), "srdf"))
+        if file is None:
+            return ()
+        return self._try(field, lambda: read_srdf(file, known, links)) or ()
 
     def _departure(self) -> Departure:
         from planning.station_file import DepartureEntry
@@ -237,7 +251,10 @@ def _check_pairs(entry: StationFile, names: set[str], studs: set[str], sections:
 
 
 def _allowed(
-    robot: Robot, bodies: Sequence[Body], obstacles: Sequence[Body], entry: StationFile
+    robot: Robot,
+    bodies: Sequence[Body],
+    obstacles: Sequence[Body],
+    named: Sequence[Sequence[str]],
 ) -> tuple[tuple[str, str], ...]:
     model = robot.model
     shaped = {model.frames[item.parentFrame].name for item in robot.geometry().geometryObjects}
@@ -245,7 +262,7 @@ def _allowed(
     carrier = model.frames[model.getFrameId(robot.flange)].parentJoint
     links += [(body.name, carrier) for body in bodies]
     tools = {body.name for body in bodies}
-    pairs = {tuple(sorted(pair)) for pair in (*robot.allowed_collisions, *entry.allowed_collisions)}
+    pairs = {tuple(sorted(pair)) for pair in (*robot.allowed_collisions, *named)}
     for i, (first, joint) in enumerate(links):
         for second, other in links[i + 1 :]:
             # Neighbours overlap at their joint; a tool, though, can hit the link behind its own.
@@ -287,5 +304,6 @@ def _fingerprint(station: Station) -> str:
             stud.depart_m, stud.spin_free, stud.on)  # fmt: skip
     cost = station.cost
     add(station.spin_steps, station.home_rad, station.clearance_m, station.stray_m, cost.time,
-        cost.effort, cost.velocity, station.precedence, station.allowed_collisions)  # fmt: skip
+        cost.effort, cost.velocity, station.precedence, station.allowed_collisions,
+        station.engine)  # fmt: skip
     return digest.hexdigest()

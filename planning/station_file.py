@@ -111,7 +111,11 @@ class CostEntry(_Entry):
 
 
 class StationFile(_Entry):
-    """station.yaml, schema version 1. Paths are relative to the file and inside its folder."""
+    """station.yaml, schema version 1. Paths are relative to the file and inside its folder.
+
+    `srdf` names a file whose `disable_collisions` add to `allowed_collisions`; `engine` is what
+    measures distances (`native` unless you want a second opinion).
+    """
 
     schema_version: Literal[1]
     name: Name
@@ -127,6 +131,8 @@ class StationFile(_Entry):
     cost: CostEntry = CostEntry()
     precedence: list[Pair] = []
     allowed_collisions: list[Pair] = []
+    srdf: str | None = None
+    engine: Literal["native", "coal", "fcl"] = "native"
 
 
 def station_schema() -> dict[str, Any]:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from dmoc.arrays import Array
 from dmoc.robot import Robot
 from planning.departure_line import DepartureLine
 from planning.edge_clearance import EdgeClearance
+from planning.robot_bodies import link_bodies
 from planning.scene import Scene, Scope
 from planning.shapes import Body
+from planning.srdf import read_srdf
 
 if TYPE_CHECKING:
     from planning.station import Station
@@ -29,15 +33,15 @@ class CollisionWorld:
     Bodies are convex pieces that cover the real surface, so a body inside another one overlaps
     it. `engine` is "native" (compiled GJK whose distances carry a separating plane as proof; coal
     measures the depth of overlaps), "coal" or "fcl" (every near pair by that engine: the second
-    opinions). Holds workspace: use one world per thread or process.
+    opinions); None takes the station's. Holds workspace: use one world per thread or process.
 
     `q_rad` is (n,) for one configuration and (K, n) for many; angles in rad, distances in m.
     """
 
-    def __init__(self, station: Station, engine: str = "native") -> None:
+    def __init__(self, station: Station, engine: str | None = None) -> None:
         self._fill(
             station.robot, station.tool_bodies, station.obstacles, station.allowed_collisions,
-            station.clearance_m, {}, engine,
+            station.clearance_m, {}, station.engine if engine is None else engine,
         )  # fmt: skip
 
     def _fill(
@@ -144,17 +148,27 @@ def world_for(
     allowed_collisions: Sequence[tuple[str, str]] = (),
     clearance_m: float = 0.02,
     *,
+    srdf: str | Path | None = None,
     pair_clearance_m: Mapping[tuple[str, str], float] | None = None,
     engine: str = "native",
 ) -> CollisionWorld:
     """A collision world without a station file.
 
+    `srdf` is a file whose `disable_collisions` add to `allowed_collisions` (`planning.srdf`).
     `pair_clearance_m` is subtracted from the distances of the named body pairs: what is nearer
     counts as touching.
     """
     world = CollisionWorld.__new__(CollisionWorld)
+    allowed = [*allowed_collisions]
+    if srdf is not None:
+        own = {f.name for f in robot.model.frames if f.type == pin.FrameType.BODY}
+        own.update(body.name for body in tool_bodies)
+        named = read_srdf(srdf, own.union(body.name for body in obstacles), own)
+        shaped = {body.name for body in (*tool_bodies, *obstacles)}
+        shaped.update(mounted.body.name for mounted in link_bodies(robot))
+        allowed += [pair for pair in named if shaped.issuperset(pair)]
     world._fill(
-        robot, tool_bodies, obstacles, allowed_collisions, clearance_m, pair_clearance_m or {},
+        robot, tool_bodies, obstacles, allowed, clearance_m, pair_clearance_m or {},
         engine,
     )  # fmt: skip
     return world

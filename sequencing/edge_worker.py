@@ -127,7 +127,7 @@ def context_fingerprint(station: Station, method: str) -> str:
     """
     digest = hashlib.sha256()
     digest.update(f"{EDGE_VERSION}|{method}|{station.cost!r}|{station.clearance_m!r}".encode())
-    digest.update(repr(sorted(station.allowed_collisions)).encode())
+    digest.update(repr((sorted(station.allowed_collisions), station.engine)).encode())
     digest.update(repr((RefineParams(), EdgeParams(), NUM_INTERVALS)).encode())
     for name in ("dmoc", "casadi", "pin", "coal", "ompl", "numba", "numpy", "scipy", "toppra"):
         digest.update(f"{name}={version(name)};".encode())
