@@ -116,7 +116,7 @@ def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:
     joint = scene.solids.info[edge.scope.pairs.piece, 0]
     growth = np.where(joint.min(axis=1) > 0, 0.25 * inflation_m, inflation_m)
     near = scene.near(ends, inflation_m / 0.8, edge.scope)
-    for (_, m, _), distance in zip(near.which, near.values[:, 0]):
+    for (_, m), distance in zip(near.which, near.values[:, 0]):
         growth[m] = min(growth[m], max(0.8 * distance, 0.5 * (distance + edge.tracking_error_m)))
     return growth
 

@@ -17,7 +17,7 @@ from planning.engines.coal_engine import CoalEngine
 from planning.engines.fcl_engine import FclEngine
 from planning.kernels import scene as kernels
 from planning.kernels.contact import first_contacts, segment_contact
-from planning.kernels.gjk import SOLVED
+from planning.kernels.depth import signed_distance
 from planning.never import pairs_that_never_touch
 from planning.packed import Pairs, pack_chain, pack_pairs, pack_solids
 from planning.pairs import checked_pairs
@@ -45,7 +45,7 @@ class Scope(NamedTuple):
 
 
 class NearRows(NamedTuple):
-    """Pairs nearer than a cap: `which` (R, 3) configuration, pair, status; `values` (R, 10 + n)
+    """Pairs nearer than a cap: `which` (R, 2) configuration, pair; `values` (R, 10 + n)
     distance, nearest points (3 + 3), normal (3), gradient (n).
     """
 
@@ -186,7 +186,7 @@ class Scene:
         if np.any(deep):
             where = np.flatnonzero(deep)
             near = self.near(q[where], cap_m, scope)
-            for (k, m, _), value in zip(near.which, near.values[:, 0]):
+            for (k, m), value in zip(near.which, near.values[:, 0]):
                 if pair[where[k]] < 0 or value < phi[where[k]]:
                     phi[where[k]], pair[where[k]] = value, m
         return phi, pair
@@ -197,7 +197,7 @@ class Scene:
             return self._engine_near(q, cap_m, scope)
         room = 64 * len(q) + 256
         while True:
-            index = np.empty((room, 3), dtype=np.int64)
+            index = np.empty((room, 2), dtype=np.int64)
             values = np.empty((room, 10 + self.num_joints))
             count = kernels.near_pairs(
                 self.chain, self.solids, scope.pairs, self.pose, self.moving, q, cap_m,
@@ -206,19 +206,12 @@ class Scene:
             if count <= room:
                 break
             room = count
-        index, values = index[:count], values[:count]
-        unsolved = np.flatnonzero(index[:, 2] != SOLVED)
-        if len(unsolved):
-            # Overlapping cores have a depth that only an engine knows.
-            part, measured = index[unsolved], values[unsolved]
-            self._measure(q, part, measured, scope)
-            values[unsolved] = measured
-        return NearRows(index, values)
+        return NearRows(index[:count], values[:count])
 
     def _measure(self, q: Array, index: npt.NDArray[np.int64], values: Array, scope: Scope) -> None:
         """Fill rows by the engine; rows of one configuration stand together."""
         at = -1
-        for r, (k, m, _) in enumerate(index):
+        for r, (k, m) in enumerate(index):
             if k != at:
                 kernels.poses_at(self.chain, self.solids, self.pose, self.moving, q[k])
                 at = k
@@ -229,9 +222,17 @@ class Scene:
         kernels.engine_rows(self.chain, self.solids, self.pairs, q, index, values)
 
     def pair_distance(self, q: Array, piece_pair: int) -> PairDistance:
-        """One piece pair at one q (n,), measured by the engine."""
+        """One piece pair at one q (n,), measured by the engine that the scene was built with."""
         kernels.poses_at(self.chain, self.solids, self.pose, self.moving, q)
         a, b = self.pairs.piece[piece_pair]
+        if self.engine_name == "native":
+            out, normal = np.empty(8), np.empty(3)
+            solids = self.solids
+            signed_distance(
+                solids.info, solids.size, solids.verts, solids.near_start, solids.near, self.pose,
+                a, b, np.zeros(3), 1e300, np.empty((4, 15)), out, normal,
+            )  # fmt: skip
+            return PairDistance(float(out[0]), out[1:4].copy(), out[4:7].copy(), normal)
         return self.engine.distance(int(a), int(b), self.pose[a], self.pose[b])
 
     def _candidates(self, q: Array, cap_m: float, scope: Scope) -> npt.NDArray[np.int64]:
@@ -243,10 +244,8 @@ class Scene:
         return chosen[:count]
 
     def _engine_near(self, q: Array, cap_m: float, scope: Scope) -> NearRows:
-        found = [
-            (k, m, SOLVED) for k in range(len(q)) for m in self._candidates(q[k], cap_m, scope)
-        ]
-        index = np.array(found, dtype=np.int64).reshape(-1, 3)
+        found = [(k, m) for k in range(len(q)) for m in self._candidates(q[k], cap_m, scope)]
+        index = np.array(found, dtype=np.int64).reshape(-1, 2)
         values = np.empty((len(index), 10 + self.num_joints))
         self._measure(q, index, values, scope)
         keep = values[:, 0] < cap_m

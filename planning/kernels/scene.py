@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from planning.jit import kernel
+from planning.kernels.depth import signed_distance
 from planning.kernels.gjk import FAR, SOLVED, clearly_farther, gjk, outer_bound
 from planning.kernels.kinematics import (
     joint_poses,
@@ -132,16 +133,17 @@ def near_pairs(
 ) -> int:  # fmt: skip
     """All pairs nearer than `cap` at the configurations q (K, n), with gradients.
 
-    Row r: `index[r]` = configuration, pair, status; `values[r]` = distance, nearest points (3, 3),
-    normal from a to b (3), gradient n·(∂b/∂q − ∂a/∂q) (n,). Returns the number of rows there are;
-    rows beyond the room given are only counted.
+    Row r: `index[r]` = configuration, pair; `values[r]` = distance, nearest points (3, 3), normal
+    from a to b (3), gradient n·(∂b/∂q − ∂a/∂q) (n,). Where the bounds of `gjk` do not meet the
+    larger of two lower bounds stands (of overlapping pieces: minus the depth). Returns the number
+    of rows there are; rows beyond the room given are only counted.
     """
     # Arrays taken out of their tuples once: inside the loops each access would count references.
     info, size, verts = solids.info, solids.size, solids.verts
     near_start, near = solids.near_start, solids.near
     piece, surplus = pairs.piece, pairs.extra
     joints = np.empty((chain.info.shape[0], 15))
-    s, out = np.empty((4, 15)), np.empty(8)
+    s, out, normal = np.empty((4, 15)), np.empty(8), np.empty(3)
     count = piece.shape[0]
     axes = np.zeros((count, 3))
     inside = np.zeros(lines.shape[0], dtype=np.bool_)
@@ -155,19 +157,17 @@ def near_pairs(
             limit = cap + surplus[m]
             if clearly_farther(pose, size, a, b, limit) or skipped(exempt, inside, m):
                 continue
-            status = gjk(
-                info, size, verts, near_start, near, pose,
-                a, b, axes[m], limit, -1e300, s, out,
-            )  # fmt: skip
-            if status == FAR:
+            if not signed_distance(
+                info, size, verts, near_start, near, pose, a, b, axes[m], limit, s, out, normal
+            ):
                 continue
             if rows < index.shape[0]:
-                index[rows, 0], index[rows, 1], index[rows, 2] = k, m, status
+                index[rows, 0], index[rows, 1] = k, m
                 values[rows, 0] = out[0] - surplus[m]
                 for c in range(6):
                     values[rows, 1 + c] = out[1 + c]
                 for c in range(3):
-                    values[rows, 7 + c] = -axes[m, c]
+                    values[rows, 7 + c] = normal[c]
                 contact_gradient(chain, joints, info[a, 0], info[b, 0], values[rows])
             rows += 1
     return rows

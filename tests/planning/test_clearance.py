@@ -41,7 +41,7 @@ def test_row_gradients_match_differences() -> None:
         assert len(rows.knot) == len(rows.pair) == len(near.which)
         step = 1e-6
         for r in np.flatnonzero(near.values[:, 0] > 0.01)[:60]:
-            k, m, _ = near.which[r]
+            k, m = near.which[r]
             assert rows.pair[r] == world.pair_of(m)
             for j in range(6):
                 ahead, behind = q[k].copy(), q[k].copy()
@@ -74,7 +74,7 @@ def test_gradient_points_out_of_penetration() -> None:
     q = random_q(ROBOT, 60, 2)
     near = world.scene.near(q, 0.0, clearance.scope)
     better = []
-    for (k, m, _), row in zip(near.which, near.values):
+    for (k, m), row in zip(near.which, near.values):
         gradient = row[10:]
         if np.linalg.norm(gradient) < 0.1:
             continue

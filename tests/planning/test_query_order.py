@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from planning.station import demo_station
 from planning.world import CollisionWorld
@@ -23,3 +24,22 @@ def test_rows_are_the_same_after_other_queries() -> None:
     for a, b in zip(first, second):
         np.testing.assert_array_equal(a.distance_m, b.distance_m)
         np.testing.assert_array_equal(a.gradient, b.gradient)
+
+
+def test_depths_of_the_scene_take_no_engine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """coal's last digits change with what it measured before: nothing that is stored may ask it."""
+    station = demo_station("stud_welding_a_8")
+    world = CollisionWorld(station)
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("the compiled scene asked an engine")
+
+    monkeypatch.setattr(world.scene.engine, "distance", refuse)
+    robot = station.robot
+    q = np.random.default_rng(2).uniform(
+        robot.q_lower_rad, robot.q_upper_rad, (200, robot.num_joints)
+    )
+    rows = world.clearance().rows(q, 0.2)
+    assert rows.distance_m.min() < -0.01
+    world.clearance().phi(q)
+    world.scene.pair_distance(q[0], 0)
