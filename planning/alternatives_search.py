@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
+from dmoc.robot import Robot
 from planning.alternative import Alternative, StudAlternatives, weld_line, weld_poses
 from planning.chain import chain_of
 from planning.departure_line import DepartureLine
@@ -21,6 +22,8 @@ __all__ = ["alternatives"]
 
 #: Fractions of the departure line at which an alternative is checked and stored.
 LINE_FRACTIONS = np.linspace(0.0, 1.0, 11)
+#: What the certificate demands for the controller; weld poses keep at least that [m].
+LEAST_CLEARANCE_M = 0.002
 #: Once off its line the tip may touch nothing: this far it must be from the part by then [m].
 FREE_M = 0.005
 
@@ -32,7 +35,8 @@ def alternatives(
     keep the station's clearance at the weld and on the whole departure line.
 
     The gun's touching body may meet the part only while the tip is on that line; at its end it
-    must be 5 mm off. `seed` matters only for arms whose inverse kinematics is numerical.
+    must be 5 mm off. The drives must be able to hold the arm still at the weld. `seed` matters only
+    for arms whose inverse kinematics is numerical.
     """
     world = CollisionWorld(station) if world is None else world
     return tuple(
@@ -49,13 +53,15 @@ def _of_stud(station: Station, world: CollisionWorld, stud: Stud, seed: int) -> 
     # A stud that sits on nothing has nothing that its gun may touch.
     lines = (weld_line(station, stud),) if stud.on else ()
     own = {body.name for body in station.tool_bodies} | {f.name for f in robot.model.frames}
-    q = _without(world, station, found.q_rad, lines, own, reasons, "collision with ")
+    demand = max(station.clearance_m, LEAST_CLEARANCE_M)
+    q = _held(robot, found.q_rad, reasons)
+    q = _without(world, demand, q, lines, own, reasons, "collision with ")
     offset = stud.depart_m * LINE_FRACTIONS[:, None] * stud.depart_direction
     knots, good = follow_line(chain_of(robot), q, np.broadcast_to(offset, (len(q), *offset.shape)))
     reasons["departure leaves the joint limits"] += int(np.sum(~good))
     kept = []
     for row in knots[good]:
-        pair = _first_hit(world, row, station.clearance_m, lines)
+        pair = _first_hit(world, row, demand, lines)
         pair = pair or _first_hit(world, row[-1:], FREE_M, ())
         if pair is None:
             kept.append(row)
@@ -69,16 +75,26 @@ def _of_stud(station: Station, world: CollisionWorld, stud: Stud, seed: int) -> 
     return StudAlternatives(stud, tuple(result), {k: v for k, v in reasons.items() if v})
 
 
+def _held(robot: Robot, q: Array, reasons: Counter[str]) -> Array:
+    """Rows of q at which no joint needs more than its torque limit to stand still."""
+    if not len(q):
+        return q
+    excess = np.abs(robot.gravity_torque_nm(q)) / robot.torque_limit_nm
+    for joint in np.argmax(excess, axis=1)[excess.max(axis=1) > 1.0]:
+        reasons[f"joint {joint + 1} cannot hold the weight"] += 1
+    return q[excess.max(axis=1) <= 1.0]
+
+
 def _without(
-    world: CollisionWorld, station: Station, q: Array, lines: Sequence[DepartureLine],
+    world: CollisionWorld, demand_m: float, q: Array, lines: Sequence[DepartureLine],
     own: set[str], reasons: Counter[str], words: str,
 ) -> Array:  # fmt: skip
     """Rows of q that keep clear at the weld; the others are counted by reason."""
     if not len(q):
         return q
-    hit: npt.NDArray[np.bool_] = world.collide_batch(q, station.clearance_m, lines)
+    hit: npt.NDArray[np.bool_] = world.collide_batch(q, demand_m, lines)
     for row in q[hit]:
-        pair = world.collide(row, station.clearance_m, lines)
+        pair = world.collide(row, demand_m, lines)
         if pair is not None:
             other = _other(pair, own)
             reasons["self-collision" if other == "itself" else words + other] += 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from dmoc.errors import Fault, InputError
 from planning.alternatives_search import alternatives
+from planning.plausible import station_warnings
 from planning.station import Station, load_station
 from planning.world import CollisionWorld
 
@@ -20,7 +21,8 @@ def check_station(path: str | Path) -> dict[str, Any]:
 
     `studs`: per stud `id`, `alternatives` (their number), `reason` (empty, or what took the
     candidates away, most frequent first), `weld_cost` [least, most] or null; besides `name`,
-    `robot`, `configurations`, `clearance_m` and an empty `errors`.
+    `robot`, `configurations`, `clearance_m`, an empty `errors`, and `warnings`: what is legal but
+    hardly meant, each like an error (code, file, field, value, legal, fix).
 
     Errors: `InputError` with every fault of the file, or the home pose's collision.
     """
@@ -40,13 +42,25 @@ def check_station(path: str | Path) -> dict[str, Any]:
     return {
         "name": station.name, "robot": station.robot.name, "clearance_m": station.clearance_m,
         "configurations": sum(row["alternatives"] for row in rows), "studs": rows, "errors": [],
+        "warnings": [fault.to_dict() for fault in station_warnings(station)],
     }  # fmt: skip
 
 
 def check_home(station: Station, world: CollisionWorld) -> None:
-    """Raise `InputError` (code home-collision) if the home pose touches something."""
+    """Raise `InputError` if the home pose touches something or cannot be held."""
     if station.home_rad is None:
         return
+    robot = station.robot
+    torque = np.abs(robot.gravity_torque_nm(station.home_rad))
+    weak = [
+        Fault("home-torque", file=str(station.source), field="home_rad",
+              value=f"{torque[j]:.4g} N·m to stand still on joint {j + 1}",
+              legal=f"<= {robot.torque_limit_nm[j]:.4g} N·m",
+              fix="check payload_kg, tool.mass_kg and tool.com_m, or choose another home pose")
+        for j in np.flatnonzero(torque > robot.torque_limit_nm)
+    ]  # fmt: skip
+    if weak:
+        raise InputError(weak)
     pair = world.collide(station.home_rad, station.clearance_m)
     if pair is not None:
         raise InputError(

@@ -57,6 +57,11 @@ def build_station(path: Path) -> Station:
     robot = robot.with_tool(inertial).with_payload(entry.payload_kg)
     studs = tuple(_placed(stud, obstacles, sections) for stud in studs)
     home = _home(entry, robot, sections)
+    if entry.cost.time == entry.cost.effort == 0:
+        sections.refuse(("cost",))(
+            "cost-zero", f"time 0, effort 0, velocity {entry.cost.velocity:g}",
+            "time > 0 or effort > 0", "give a weight: without one the slowest motion is cheapest",
+        )  # fmt: skip
     names = _names(robot, bodies, obstacles, sections)
     _check_pairs(entry, names, {stud.id for stud in studs}, sections)
     semantic = sections.srdf(entry, names, names - {body.name for body in obstacles})
@@ -213,9 +218,11 @@ def _names(
 ) -> set[str]:
     """All body names; a name used twice is a fault."""
     names = {f.name for f in robot.model.frames if f.type == pin.FrameType.BODY}
-    for body in (*bodies, *obstacles):
+    fields: list[FieldPath] = [("tool", "shapes", i) for i in range(len(bodies))]
+    fields += [("obstacles", i, "name") for i in range(len(obstacles))]
+    for body, field in zip((*bodies, *obstacles), fields, strict=True):
         if body.name in names:
-            sections.refuse(())(
+            sections.refuse(field)(
                 "name-duplicate", body.name, "names that no link, tool shape or obstacle shares",
                 "rename it",
             )  # fmt: skip

@@ -17,7 +17,7 @@ __all__ = [
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Length = Annotated[float, Field(allow_inf_nan=False, gt=0, le=100)]
 Metre = Annotated[float, Field(allow_inf_nan=False, ge=-100, le=100)]
-NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
+Weight = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1e6)]
 Position = Annotated[list[Metre], Field(min_length=3, max_length=3)]
 Direction = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
@@ -103,11 +103,11 @@ class DepartureEntry(_Entry):
 
 
 class CostEntry(_Entry):
-    """Weights of J = ∫ time + effort uᵀu + velocity q̇ᵀq̇ dt."""
+    """Weights of J = ∫ time + effort uᵀu + velocity q̇ᵀq̇ dt; time or effort must be above zero."""
 
-    time: NotNegative = 1.0
-    effort: NotNegative = 1e-6
-    velocity: NotNegative = 1.0
+    time: Weight = 1.0
+    effort: Weight = 1e-6
+    velocity: Weight = 1.0
 
 
 class StationFile(_Entry):
@@ -158,6 +158,23 @@ _WORDS = {
 }
 
 
+#: pydantic's limits (keys of an error's context) in our notation.
+_LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+
+
+def _legal(item: Any) -> str:
+    """The legal range of one complaint, without pydantic's "Input should be"."""
+    context = item.get("ctx", {})
+    for key, sign in _LIMITS.items():
+        if key in context:
+            return f"{sign} {context[key]:g}"
+    if "expected" in context:
+        return str(context["expected"]).replace("'", "")
+    if "min_length" in context or "max_length" in context:
+        return f"{context.get('min_length', context.get('max_length'))} entries"
+    return str(item["msg"])
+
+
 def faults_of(error: ValidationError, tree: YamlTree, file: str) -> list[Fault]:
     """pydantic's complaints as faults with file, line, field, value, legal range and fix."""
     faults = []
@@ -173,9 +190,10 @@ def faults_of(error: ValidationError, tree: YamlTree, file: str) -> list[Fault]:
                 path.append(part)
                 here = here[part] if part < len(here) else None
         code, legal, fix = _WORDS.get(item["type"], ("value-range", "", "give a legal value"))
+        legal = legal or _legal(item)
         value = "nothing" if item["type"] == "missing" else repr(item["input"])[:80]
         faults.append(
             Fault(code, file=file, line=tree.line(tuple(path)), field=field_name(tuple(path)),
-                  value=value, legal=legal or str(item["msg"]), fix=fix)
+                  value=value, legal=legal, fix=fix)
         )  # fmt: skip
     return faults

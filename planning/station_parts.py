@@ -113,6 +113,10 @@ def build_tool(
         return None
     if entry.mesh is not None:
         return _mesh_tool(entry, folder, tip, refuse), inertial
+    if entry.shapes is None:
+        refuse("tool-shape", "neither mesh nor shapes", "mesh or shapes",
+               "give the tool's solid: what has none is never seen to collide (shapes: [] says "
+               "that nothing hangs on the flange)")  # fmt: skip
     bodies = []
     for index, shape in enumerate(entry.shapes or []):
         solid = _primitive(shape, refuse, "shapes", index)

@@ -131,6 +131,14 @@ def _text(path: Path) -> str:
 
 def _check_header(header: list[str], path: Path, faults: list[Fault]) -> None:
     legal = ", ".join((*REQUIRED, *OPTIONAL))
+    for separator in (";", "\t"):
+        if len(header) == 1 and header[0].count(separator) >= len(REQUIRED) - 1:
+            faults.append(
+                Fault("csv-separator", file=str(path), line=1, value=repr(separator),
+                      legal="commas between the columns, points in numbers",
+                      fix="export it with commas")
+            )  # fmt: skip
+            return
     for name in REQUIRED:
         if name not in header:
             faults.append(
@@ -168,12 +176,17 @@ def _stud(
         except ValueError:
             value = np.nan
         if not least <= value <= most:
-            refuse(column, repr(text), f"a number from {least:g} to {most:g}", "write a number")
+            fix = "write a number"
+            if column in ("x_m", "y_m", "z_m") and np.isfinite(value):
+                fix = "lengths are metres: divide millimetres by 1000"
+            elif text.count(",") == 1:
+                fix = "write a decimal point instead of the comma"
+            refuse(column, repr(text), f"a number from {least:g} to {most:g}", fix)
             return np.nan
         return value
 
-    if not cells["id"] or len(cells["id"]) > 80:
-        refuse("id", repr(cells["id"]), "a name of 1 to 80 characters", "name the stud")
+    if not 1 <= len(cells["id"]) <= 80 or not cells["id"].isprintable():
+        refuse("id", repr(cells["id"]), "a name of 1 to 80 printable characters", "name the stud")
     position = np.array([number(name, -100, 100) for name in ("x_m", "y_m", "z_m")])
     if np.any(np.abs(position) > 60):
         refuse("x_m, y_m, z_m", str(position), "metres, at most 60", "divide millimetres by 1000",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dmoc.errors import Fault
 from planning.check import check_station
 from planning.init_station import init_station
 from planning.station import available_stations, demo_station
@@ -21,6 +22,8 @@ def run_check(console: Console, station: str, out: Path | None) -> Outcome:
     for row in studs:
         reason = f"  {row['reason']}" if row["reason"] else ""
         console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{reason}")
+    for doubt in data["warnings"]:
+        console.say(f"warning: {Fault(**doubt)}")
     save_json(out, "check.json", data)
     missing = [row["id"] for row in studs if not row["alternatives"]]
     if missing:

@@ -161,6 +161,11 @@ BAD = {
     "spin": ("studs: studs.csv", "studs: studs.csv\nspin_steps: 0", "value-range"),
     "clearance": ("studs: studs.csv", "studs: studs.csv\nclearance_m: 20", "value-range"),
     "cost": ("studs: studs.csv", "studs: studs.csv\ncost: {time: -1}", "value-range"),
+    "cost without time": ("studs: studs.csv", "studs: studs.csv\ncost: {time: 0, effort: 0}",
+                          "cost-zero"),
+    "cost out of all bounds": ("studs: studs.csv", "studs: studs.csv\ncost: {time: 1.0e+300}",
+                               "value-range"),
+    "no tool solid": (SMALL[SMALL.index("  shapes:") : SMALL.index("  tip:")], "", "tool-shape"),
     "departure": ("studs: studs.csv", "studs: studs.csv\ndeparture: {direction: [0, 0, 0]}",
                   "vector-zero"),
     "precedence": ("studs: studs.csv", "studs: studs.csv\nprecedence: [[a, z]]", "name-unknown"),
@@ -209,6 +214,8 @@ def test_all_faults_at_once_with_lines_and_fields(tmp_path):
         (STUDS.replace("0,0,2,1", "0,0,2,-1"), "stud-value"),
         (STUDS.splitlines()[0], "studs-empty"),
         ("", "csv-column"),
+        (STUDS.replace(",", ";"), "csv-separator"),
+        (STUDS.replace("\na,", '\n"a\n1",'), "stud-value"),
         ("id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,on\na,0.6,0,0.15,0,0,1,1,moon\n", "stud-on"),
         ("id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,depart_x,depart_y,depart_z\n"
          "a,0.6,0,0.15,0,0,1,1,0,0,-1\n", "stud-departure"),
@@ -218,6 +225,18 @@ def test_all_faults_at_once_with_lines_and_fields(tmp_path):
 )  # fmt: skip
 def test_bad_studs_are_named(tmp_path, studs, code):
     assert code in faults_of(write(tmp_path, studs=studs))
+
+
+def test_the_fix_names_the_unit_and_the_comma(tmp_path):
+    faults = faults_of(write(tmp_path, studs=STUDS.replace("0.6,", "600,")))
+    assert "millimetres" in faults["stud-value"].fix
+    faults = faults_of(write(tmp_path, studs=STUDS.replace("0.6,", '"0,6",')))
+    assert "decimal point" in faults["stud-value"].fix
+    faults = faults_of(write(tmp_path, SMALL.replace("box_m: [1, 1, 0.1]", "box_m: [1, -1, 0.1]")))
+    assert faults["value-range"].legal == "> 0"
+    twice = SMALL.replace("studs:", "  - {name: table, sphere_m: 0.1}\nstuds:")
+    fault = faults_of(write(tmp_path, twice))["name-duplicate"]
+    assert (fault.field, fault.line) == ("obstacles[1].name", 9)
 
 
 def test_latin_1_and_binary_files(tmp_path):

@@ -1,0 +1,87 @@
+"""`check_station`: counts, reasons, warnings, and what stops it."""
+
+import pytest
+from test_station import SMALL, STUDS, write
+
+from dmoc.errors import InputError
+from planning.check import check_station
+
+MASSES = "  mass_kg: 2\n  com_m: [0, 0, 0.05]\n"
+PLAIN = SMALL.replace("  tip:", MASSES + "  tip:")
+
+
+def checked(folder, text=PLAIN, studs=STUDS):
+    return check_station(write(folder, text, studs))
+
+
+def warnings(folder, text=PLAIN, studs=STUDS):
+    found = checked(folder, text, studs)["warnings"]
+    for doubt in found:
+        assert doubt["file"].endswith("station.yaml")
+        assert doubt["field"]
+        assert doubt["value"]
+        assert doubt["legal"]
+        assert doubt["fix"]
+    return {doubt["code"] for doubt in found}
+
+
+def test_a_sound_station_has_no_warnings(tmp_path):
+    data = checked(tmp_path)
+    assert data["warnings"] == []
+    assert data["errors"] == []
+    assert all(row["alternatives"] > 0 and row["reason"] == "" for row in data["studs"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ("mass_kg: 2", "mass_kg: 0", "tool-massless"),
+        ("mass_kg: 2", "mass_kg: 0\n  inertia_kg_m2: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]",
+         "tool-massless"),
+        ("mass_kg: 2", "mass_kg: 2\n  inertia_kg_m2: [[99, 0, 0], [0, 99, 0], [0, 0, 99]]",
+         "tool-inertia"),
+        (", touches: true", "", "tool-touches"),
+        ("tip: {position_m: [0, 0, 0.1]}", "tip: {position_m: [0, 0, 0.3]}", "tool-tip"),
+        (SMALL[SMALL.index("  shapes:") : SMALL.index("  tip:")], "  shapes: []\n", "tool-bare"),
+    ],
+)  # fmt: skip
+def test_doubtful_tools(tmp_path, old, new, code):
+    assert old in PLAIN
+    assert code in warnings(tmp_path, PLAIN.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ("0.6,0.1,0.15", "0.6,0.1,0.4", "stud-floating"),
+        ("0,0,2,1", "0,0,-2,1", "stud-normal"),
+        ("0.7,-0.2,0.15", "0.6,0.1,0.15", "stud-twice"),
+    ],
+)  # fmt: skip
+def test_doubtful_studs(tmp_path, old, new, code):
+    assert warnings(tmp_path, studs=STUDS.replace(old, new)) == {code}
+
+
+def test_a_load_that_the_drives_cannot_hold(tmp_path):
+    heavy = PLAIN.replace("studs: studs.csv", "studs: studs.csv\npayload_kg: 200")
+    with pytest.raises(InputError) as caught:
+        checked(tmp_path, heavy)
+    assert {fault.code for fault in caught.value.faults} == {"home-torque"}
+    assert "joint 2" in str(caught.value)
+    homeless = heavy[: heavy.index("home_rad")] + "home_rad: null\n"
+    for row in checked(tmp_path, homeless)["studs"]:
+        assert row["alternatives"] == 0
+        assert "cannot hold the weight" in row["reason"]
+
+
+def test_weld_poses_keep_what_the_certificate_demands(tmp_path):
+    """With no clearance asked for, a pose 1 mm off is still none: no motion could start there."""
+    low = PLAIN.replace("studs: studs.csv", "studs: studs.csv\nclearance_m: 0")
+    # A post whose side is 1 mm beside the tool that stands upright on stud a (radius 1 cm).
+    post = "  - {name: post, box_m: [0.1, 0.01, 0.05], pose: {position_m: [0.6, %s, 0.18]}}\n"
+    near = low.replace("studs: studs.csv", post % 0.116 + "studs: studs.csv")
+    far = low.replace("studs: studs.csv", post % 0.123 + "studs: studs.csv")
+    row = checked(tmp_path, near)["studs"][0]
+    assert row["alternatives"] == 0
+    assert "collision with post" in row["reason"]
+    assert checked(tmp_path, far)["studs"][0]["alternatives"] > 0
