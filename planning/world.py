@@ -109,7 +109,7 @@ class CollisionWorld:
         q = self.scene.rows_of(q_rad)[:1]
         near = self.scene.near(q, np.nextafter(cap_m, np.inf), self._scope(lines))
         best: dict[tuple[str, str], float] = {}
-        for (_, m, _), value in zip(near.which, near.values[:, 0]):
+        for (_, m), value in zip(near.which, near.values[:, 0]):
             pair = self.pair_of(m)
             best[pair] = min(best.get(pair, np.inf), float(value))
         return sorted(best.items(), key=lambda item: item[1])
