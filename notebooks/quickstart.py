@@ -21,7 +21,6 @@
 
 # %%
 import os
-from dataclasses import replace
 from pathlib import Path
 
 from planning import demo_station
@@ -29,7 +28,7 @@ from sequencing import plan_station, read_run, write_run
 
 station = demo_station("stud_welding_a_8")
 if os.environ.get("DMOC_REDUCED"):
-    station = replace(station, studs=station.studs[:3], fingerprint=f"{station.fingerprint}-3")
+    station = station.replace(studs=station.studs[:3])
 print(station.name, [stud.id for stud in station.studs])
 
 # %% [markdown]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from dmoc.cost import Cost
 from dmoc.errors import Fault, InputError
 from dmoc.robot import Robot
 from planning.shapes import Body
+from planning.station_fingerprint import station_fingerprint
 from planning.studs import Stud
 
 __all__ = ["Station", "Stud", "available_stations", "demo_station", "load_station"]
@@ -60,6 +61,15 @@ class Station:
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
+
+    def replace(self, **changes: Any) -> Station:
+        """This station with other fields (nothing is checked) and the fingerprint they make.
+
+        With another robot or other bodies, `allowed_collisions` stays the one of the old.
+        """
+        changed = replace(self, **changes)
+        object.__setattr__(changed, "fingerprint", station_fingerprint(changed))
+        return changed
 
     def stud(self, stud_id: str) -> Stud:
         """The stud of that id; `InputError` if there is none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -76,8 +75,7 @@ def build_station(path: Path) -> Station:
         allowed_collisions=allowed, source=path.resolve(), fingerprint="",
         stray_m=entry.departure.stray_m, engine=entry.engine,
     )  # fmt: skip
-    object.__setattr__(station, "fingerprint", _fingerprint(station))
-    return station
+    return station.replace()
 
 
 class _Sections:
@@ -281,36 +279,3 @@ def _allowed(
     known = {name for name, _ in links} | {body.name for body in obstacles}
     # Links without a shape (frames, flange) can be named but have nothing to check.
     return tuple(sorted((first, second) for first, second in pairs if {first, second} <= known))
-
-
-def _fingerprint(station: Station) -> str:
-    digest = hashlib.sha256()
-
-    def add(*values: Any) -> None:
-        for value in values:
-            if isinstance(value, np.ndarray):
-                digest.update(str(value.shape).encode())
-                digest.update(np.ascontiguousarray(value).tobytes())
-            else:
-                digest.update(repr(value).encode())
-            digest.update(b"|")
-
-    add(station.robot.fingerprint, station.robot.flange)
-    geometry = station.robot.geometry()
-    for item in geometry.geometryObjects:
-        add(item.parentFrame, item.placement.homogeneous, item.meshPath.rsplit("/", 1)[-1],
-            np.array(item.meshScale), type(item.geometry).__name__)  # fmt: skip
-        item.geometry.computeLocalAABB()
-        add(np.array(item.geometry.aabb_local.min_), np.array(item.geometry.aabb_local.max_))
-    for body in (*station.tool_bodies, *station.obstacles):
-        add(body.name, body.pose, body.touches)
-        for shape in (*body.shapes, *((body.mesh,) if body.mesh else ())):
-            add(shape.kind, shape.size_m, shape.pose, shape.vertices_m, shape.faces)
-    for stud in station.studs:
-        add(stud.id, stud.position_m, stud.normal, stud.weld_time_s, stud.depart_direction,
-            stud.depart_m, stud.spin_free, stud.on)  # fmt: skip
-    cost = station.cost
-    add(station.spin_steps, station.home_rad, station.clearance_m, station.stray_m, cost.time,
-        cost.effort, cost.velocity, station.precedence, station.allowed_collisions,
-        station.engine)  # fmt: skip
-    return digest.hexdigest()

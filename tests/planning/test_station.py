@@ -274,3 +274,13 @@ def test_mutated_files_never_raise_anything_else(tmp_path, data):
     except InputError:
         return
     assert station.fingerprint
+
+
+def test_replace_gives_a_station_its_own_fingerprint() -> None:
+    station = demo_station("stud_welding_a_8")
+    assert station.replace() == station
+    fewer = station.replace(studs=station.studs[:3])
+    assert len(fewer.studs) == 3
+    assert fewer != station
+    assert fewer == station.replace(studs=station.studs[:3])
+    assert station.replace(spin_steps=station.spin_steps + 1) != station
