@@ -19,7 +19,7 @@ from planning.pieces import Mounted
 from planning.robot_bodies import link_bodies, tool_mounts
 from planning.shapes import Body, Shape
 
-__all__ = ["ArmShapes", "arm_shapes", "body_shapes", "coal_solid"]
+__all__ = ["ArmShapes", "arm_shapes", "body_shapes", "coal_solid", "moving_shapes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +49,15 @@ def arm_shapes(
 def body_shapes(bodies: Sequence[Body]) -> ArmShapes:
     """Obstacles as solids that never move (joint 0)."""
     return _collect([Mounted(body, 0, body.pose) for body in bodies])
+
+
+def moving_shapes(shapes: ArmShapes) -> ArmShapes:
+    """The solids of an arm that some joint carries."""
+    kept = np.flatnonzero(shapes.joint > 0)
+    return ArmShapes(
+        shapes.joint[kept], shapes.ends_m[kept], shapes.radius_m[kept], shapes.pose[kept],
+        tuple(shapes.solids[k] for k in kept), tuple(shapes.names[k] for k in kept),
+    )  # fmt: skip
 
 
 def _collect(mounts: Sequence[Mounted]) -> ArmShapes:

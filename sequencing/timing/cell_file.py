@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from planning.station_file import ObstacleEntry, PoseEntry, ToolEntry
 
-__all__ = ["CellFile", "CellRobotEntry", "HandoverEntry", "LinkEntry", "cell_schema"]
+__all__ = ["CellFile", "CellRobotEntry", "HandoverEntry", "LinkEntry", "LoadEntry", "cell_schema"]
 
 Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
 NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
@@ -19,11 +19,31 @@ class _Entry(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+Push = Annotated[float, Field(allow_inf_nan=False, ge=-1e5, le=1e5)]
+Triple = Annotated[list[Push], Field(min_length=3, max_length=3)]
+
+
+class LoadEntry(_Entry):
+    """What the robot carries or pushes against on some of its trajectories, counted from 0.
+
+    `payload_kg` at the tool tip; `force_n` and `torque_nm` act on the flange, in world axes. A
+    later entry overrides an earlier one.
+    """
+
+    trajectories: Annotated[
+        list[Annotated[int, Field(ge=0, le=100_000)]], Field(min_length=1, max_length=100_000)
+    ]
+    payload_kg: Annotated[float, Field(allow_inf_nan=False, ge=0, le=5000)] | None = None
+    force_n: Triple | None = None
+    torque_nm: Triple | None = None
+
+
 class CellRobotEntry(_Entry):
     """One robot. Its motions: `trajectories` (a folder with motions.npz or waypoints.csv) or `run`.
 
     `run` is the folder of a finished `dmoc plan`; robot, tool inertia, limits and weld times come
-    from it, `base` moves it into the cell and `tool` may add the tool's shapes.
+    from it, `base` moves it into the cell and `tool` may add the tool's shapes. `order: free`
+    allows its jobs (runs of trajectories from one joint vector back to it) to be exchanged.
     """
 
     name: Name
@@ -34,6 +54,8 @@ class CellRobotEntry(_Entry):
     run: str | None = None
     payload_kg: Annotated[float, Field(allow_inf_nan=False, ge=0, le=5000)] = 0.0
     tool: ToolEntry | None = None
+    loads: Annotated[list[LoadEntry], Field(max_length=10_000)] = []
+    order: Literal["given", "free"] = "given"
 
 
 class HandoverEntry(_Entry):

@@ -37,6 +37,11 @@ class CoordinationMap:
         """True if no pair of times can collide."""
         return self.blocked is None
 
+    def turned(self) -> CoordinationMap:
+        """The map of the same paths named in the other order."""
+        blocked = None if self.blocked is None else np.ascontiguousarray(self.blocked.T)
+        return CoordinationMap(blocked, self.tests)
+
 
 @numba.njit(cache=True)
 def _capsule_map(ends_a, radius_a, travel_a, ends_b, radius_b, travel_b, pairs, clearance, blocked):

@@ -8,7 +8,7 @@ at the end of its last trajectory (at the start of the first before it begins).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numba
@@ -98,6 +98,20 @@ def pair_kernel(start, override, duration, a0, a1, b0, b1, index, blocks, total,
         t = max(t, until)
 
 
+@numba.njit(cache=True)
+def many_kernel(timing, duration, a0, a1, b0, b1, index, blocks, total, begin, free, found):
+    """Clear `free` (P,) where timing (P, 2, S) collides; P, or the one that lacks the map found."""
+    for p in range(begin, timing.shape[0]):
+        if not free[p]:
+            continue
+        start, override = timing[p, 0], timing[p, 1]
+        count = pair_kernel(start, override, duration, a0, a1, b0, b1, index, blocks, total, found)
+        if count < 0:
+            return p
+        free[p] = count == 0
+    return timing.shape[0]
+
+
 @dataclass(eq=False)
 class PairMaps:
     """Maps of one pair of robots, filled on demand: trajectory k of the one, l of the other."""
@@ -127,17 +141,27 @@ class PairMaps:
 
 
 class Crossings:
-    """All pairs of robots of a cell; `free` is a `FreeCheck` for the search."""
+    """All pairs of robots of a cell; `free` is a `FreeCheck` for the search.
 
-    def __init__(self, pairs: list[PairMaps], duration_s: np.ndarray, total_s: float) -> None:
+    `held_s` gives the columns of trajectories that nobody runs (a robot that waits through a
+    window) a start before or after everything, which keeps them at their end or at their start.
+    """
+
+    def __init__(
+        self,
+        pairs: list[PairMaps],
+        duration_s: np.ndarray,
+        total_s: float,
+        held_s: Mapping[int, float] | None = None,
+    ) -> None:
         self.pairs, self.duration_s, self.total_s = pairs, duration_s, total_s
+        self.held_s = dict(held_s or {})
 
     def collisions(
         self, start_s: np.ndarray, override: np.ndarray, most: int = 10_000
     ) -> list[tuple[int, int]]:
         """Pairs of trajectories (a, b), of two robots, that may meet; [] proves the timing free."""
-        start = np.ascontiguousarray(start_s, dtype=float)
-        speed = np.ascontiguousarray(override, dtype=float)
+        start, speed = self._hold(np.array([[start_s, override]], dtype=float))[0]
         pairs: set[tuple[int, int]] = set()
         for pair in self.pairs:
             room = pair.index.size if most > 1 else 1
@@ -148,15 +172,27 @@ class Crossings:
 
     def free(self, timing: np.ndarray) -> np.ndarray:
         """(P,) True where timing (P, 2, S) touches free cells only."""
-        out = np.ones(len(timing), dtype=bool)
+        held = self._hold(np.ascontiguousarray(timing, dtype=float))
+        out = np.ones(len(held), dtype=np.bool_)
         found = np.empty((1, 2), dtype=np.int64)
-        for k in range(len(timing)):
-            start, speed = timing[k, 0], timing[k, 1]
-            for pair in self.pairs:
-                if self._check(pair, start, speed, found) > 0:
-                    out[k] = False
-                    break
+        for pair in self.pairs:
+            at = 0
+            while at < len(held):
+                at = many_kernel(
+                    held, self.duration_s, *pair.first, *pair.second, pair.index, pair.stacked,
+                    self.total_s, at, out, found,
+                )  # fmt: skip
+                if at < len(held):
+                    pair.fill(int(found[0, 0]), int(found[0, 1]))
         return out
+
+    def _hold(self, timing: np.ndarray) -> np.ndarray:
+        if not self.held_s:
+            return timing
+        held = timing.copy()
+        for k, begin in self.held_s.items():
+            held[:, 0, k], held[:, 1, k] = begin, 1.0
+        return held
 
     def _check(
         self, pair: PairMaps, start: np.ndarray, speed: np.ndarray, found: np.ndarray

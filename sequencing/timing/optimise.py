@@ -40,6 +40,7 @@ class SearchParams:
 
 DEFAULT_SEARCH = SearchParams()
 _FEW = 16  # scattering helps in so many dimensions at most
+_NEAR = 0.35  # starts closer than this in every coordinate are likely to end in one basin
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,15 +125,19 @@ class _Search:
     def scatter(
         self, active: np.ndarray, rng: np.random.Generator, params: SearchParams
     ) -> list[np.ndarray]:
-        """The best of random points, collisions ignored, as starts; in few dimensions only."""
+        """The best of random points that lie apart, collisions ignored, as starts of descents.
+
+        In few dimensions only: elsewhere the points are simply random.
+        """
         wanted = max(0, params.gradient_starts - 1)
         if active.size > _FEW:
             return list(rng.random((wanted, 2, self.size)))
-        points = self.expand(_scattered(params.scattered, active.size, rng), active)
+        x = _scattered(params.scattered, active.size, rng)
+        points = self.expand(x, active)
         timing = decode_batch(self.graph, points)
         value = cost_batch(self.line, timing[:, 0], timing[:, 1])
         self.evaluations += len(points)
-        return list(points[np.argsort(value)[:wanted]])
+        return list(points[_apart(x, value, wanted)])
 
     def offer(self, z: np.ndarray, source: str) -> None:
         value = self.values(z)
@@ -205,6 +210,17 @@ class _Search:
         return TimingResult(
             self.z, start, override, self.value, relaxed_z, relaxed, self.evaluations, self.source
         )
+
+
+def _apart(x: np.ndarray, value: np.ndarray, wanted: int) -> list[int]:
+    """The best points (rows of x) of which no two are close: as many basins as may be."""
+    chosen: list[int] = []
+    for k in np.argsort(value, kind="stable"):
+        if len(chosen) == wanted:
+            break
+        if all(np.abs(x[k] - x[m]).max() > _NEAR for m in chosen):
+            chosen.append(int(k))
+    return chosen
 
 
 def _scattered(count: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:

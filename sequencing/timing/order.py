@@ -1,15 +1,12 @@
-"""The first level (the DTO paper's SCO): which trajectories share a window, and in which order.
+"""Searches of the first level: which trajectories share a window, and in which order jobs run.
 
-The overall energy of a window depends on who brakes while whom accelerates. Two freedoms:
+Two freedoms, both over an abstract cost (see `first_level` for what a window costs):
 
-* *alignment*: each robot keeps its order; a window advances some robots by one trajectory and lets
-  the others wait. A cheapest path through the lattice of counts is found exactly.
-* *order*: jobs (runs of trajectories that begin and end at one joint vector) are exchanged within a
-  robot. Few jobs are enumerated, many are searched by exchanges, always within hand-overs.
-
-Windows are valued by their optimised energy without collisions (an estimate of the second level)
-plus the cost of time. Memory and work grow with the product of the robots' counts: a few hundred
-lattice points are exact in seconds, the search is meant for the rest.
+* *alignment*: each robot keeps its order; a window advances some robots by one trajectory while
+  the others wait. `align` finds the cheapest path through the lattice of counts that needs no more
+  time than allowed. Exact, unless more windows would have to be valued than `most_windows`: then
+  it is exact within the widest band around the quickest path that stays below.
+* *order*: jobs are exchanged within a robot. Few are enumerated, many are searched by exchanges.
 """
 
 from __future__ import annotations
@@ -21,132 +18,191 @@ from itertools import permutations, product
 import numpy as np
 
 from dmoc.errors import Fault, ProblemError
+from sequencing.timing.lattice import band, least_times, moves_of, needs_of
 
-__all__ = ["Alignment", "align_exact", "order_exact", "order_search"]
+__all__ = ["Alignment", "align", "order_exact", "order_search"]
 
-WindowCost = Callable[[tuple[int | None, ...]], float]
-"""Energy [J] of a window; entry r is robot r's trajectory (its own count) or None if it waits."""
+Handover = tuple[tuple[int, int], tuple[int, int]]
+WindowCost = Callable[[tuple[int, ...], tuple[int, ...]], float]
+"""Energy [J] of a window; `state` counts what each robot has done, `move` (0 or 1) who runs now."""
+
+_MOST_LABELS = 64
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """`windows`: one tuple of own counts (or None) a window; `cost_j` their sum."""
+    """`windows`: one tuple of own counts (or None: waits) a window; `cost_j` their sum.
+
+    `proven`: no alignment of the same cost function within the time is cheaper. `valued` windows
+    were considered.
+    """
 
     windows: tuple[tuple[int | None, ...], ...]
     cost_j: float
+    duration_s: float
+    proven: bool
+    valued: int
 
 
-def align_exact(
-    counts: Sequence[int],
+def align(
+    durations_s: Sequence[Sequence[float]],
     cost: WindowCost,
-    handovers: Sequence[tuple[tuple[int, int], tuple[int, int]]] = (),
-    most_points: int = 20_000,
+    handovers: Sequence[Handover] = (),
+    total_s: float | None = None,
+    most_windows: int = 1500,
+    most_points: int = 500_000,
 ) -> Alignment:
-    """The cheapest alignment, proven: shortest path over all (k_1, .., k_R), k_r <= counts[r].
+    """The cheapest sequence of windows that lasts at most `total_s` (None: any time).
 
-    `handovers` are ((robot, k), (robot, k)) pairs; the second may only run in a later window.
-    Raises `ProblemError` where the lattice is larger than `most_points`.
+    A window lasts as long as its longest trajectory. `handovers` are ((robot, k), (robot, k))
+    pairs; the second may only run in a later window. Raises `ProblemError` where the lattice has
+    more than `most_points` points, where no alignment keeps the hand-overs, or where none is
+    quick enough.
     """
-    shape = tuple(n + 1 for n in counts)
-    points = int(np.prod(shape))
+    counts = tuple(len(row) for row in durations_s)
+    points = int(np.prod([n + 1 for n in counts], dtype=float))
     if points > most_points:
         raise ProblemError(
-            Fault("lattice-size", "", "counts", f"{points} points", f"<= {most_points}",
-                  "use order_search, or align fewer trajectories at a time")
+            Fault("lattice-size", "", "durations_s", f"{points} points", f"<= {most_points}",
+                  "align fewer trajectories at a time")
         )  # fmt: skip
-    best = np.full(shape, np.inf)
-    best[(0,) * len(counts)] = 0.0
-    came: dict[tuple[int, ...], tuple[int, ...]] = {}
-    moves = [m for m in product((0, 1), repeat=len(counts)) if any(m)]
-    # Every move raises the sum of the counts, so this order visits predecessors first.
-    for state in sorted(product(*(range(n) for n in shape)), key=sum):
-        if not np.isfinite(best[state]):
-            continue
-        for move in moves:
-            after = tuple(k + m for k, m in zip(state, move))
-            if any(k > n for k, n in zip(after, counts)) or not _allowed(state, move, handovers):
-                continue
-            window = tuple(k if m else None for k, m in zip(state, move))
-            value = best[state] + cost(window)
-            if value < best[after]:
-                best[after] = value
-                came[after] = state
-    end = tuple(counts)
-    if not np.isfinite(best[end]):
+    need = needs_of(counts, handovers)
+    ahead, behind = least_times(durations_s, need)
+    least = float(ahead[counts])
+    if not np.isfinite(least):
         raise ProblemError(
-            Fault(
-                "alignment", "", "handovers", "no order keeps them", "hand-overs without a circle"
-            )
+            Fault("alignment", "", "handovers", "no order keeps them", "hand-overs without circle",
+                  "remove one hand-over of the circle")
+        )  # fmt: skip
+    limit = np.inf if total_s is None else total_s * (1.0 + 1e-9)
+    if least > limit:
+        raise ProblemError(
+            Fault("alignment-time", "", "total_s", f"{total_s:.6g} s", f">= {least:.6g} s",
+                  "windows need more time than that")
+        )  # fmt: skip
+    moves = moves_of(durations_s, need, ahead, behind, limit)
+    chosen, proven = band(moves, counts, most_windows)
+    return _cheapest(counts, chosen, behind, limit, cost, proven)
+
+
+def _cheapest(
+    counts: tuple[int, ...],
+    moves: dict[tuple[int, ...], list[tuple[tuple[int, ...], float]]],
+    behind: np.ndarray,
+    limit: float,
+    cost: WindowCost,
+    proven: bool,
+) -> Alignment:
+    """Label setting over (time, cost): every point keeps the labels that no other one beats."""
+    start = (0,) * len(counts)
+    # label: time, cost, point before, its label
+    labels: dict[tuple[int, ...], list[tuple[float, float, tuple[int, ...] | None, int]]]
+    labels = {start: [(0.0, 0.0, None, 0)]}
+    valued = 0
+    for state in sorted(moves, key=lambda point: (sum(point), point)):
+        mine = labels.get(state)
+        if not mine:
+            continue
+        for move, length in moves[state]:
+            value = cost(state, move)
+            valued += 1
+            after = tuple(k + m for k, m in zip(state, move))
+            there = labels.setdefault(after, [])
+            for index, (time_s, sum_j, _, _) in enumerate(mine):
+                found = (time_s + length, sum_j + value, state, index)
+                if found[0] + behind[after] <= limit and np.isfinite(value):
+                    there.append(found)
+            kept = _best_labels(there, np.isinf(limit))
+            proven = proven and len(kept) <= _MOST_LABELS
+            labels[after] = kept[:_MOST_LABELS]
+    if not labels.get(counts):
+        raise ProblemError(
+            Fault("alignment", "", "cost", "every alignment is forbidden", "an allowed one")
         )
+    best = min(range(len(labels[counts])), key=lambda k: labels[counts][k][1])
+    duration, total, state_before, index = labels[counts][best]
     windows: list[tuple[int | None, ...]] = []
-    at = end
-    while any(at):
-        before = came[at]
-        windows.append(tuple(k if k < n else None for k, n in zip(before, at)))
-        at = before
-    return Alignment(tuple(windows[::-1]), float(best[end]))
+    at = counts
+    while state_before is not None:
+        windows.append(tuple(k if k < n else None for k, n in zip(state_before, at)))
+        at = state_before
+        _, _, state_before, index = labels[at][index]
+    return Alignment(tuple(windows[::-1]), float(total), float(duration), proven, valued)
 
 
-def _allowed(
-    state: tuple[int, ...],
-    move: tuple[int, ...],
-    handovers: Sequence[tuple[tuple[int, int], tuple[int, int]]],
-) -> bool:
-    """The window runs no target of a hand-over whose source is not yet done."""
-    for (source, k), (target, later) in handovers:
-        if move[target] and state[target] == later and state[source] <= k:
-            return False
-    return True
+def _best_labels(labels: list, any_time: bool) -> list:
+    """Those that no other label beats in time and cost; the cheapest first."""
+    if any_time:
+        return sorted(labels, key=lambda label: label[1])[:1]
+    kept: list = []
+    quickest = np.inf
+    for label in sorted(labels, key=lambda label: (label[1], label[0])):
+        if label[0] < quickest - 1e-12:
+            kept.append(label)
+            quickest = label[0]
+    return kept
+
+
+Orders = tuple[tuple[int, ...], ...]
 
 
 def order_exact(
-    jobs: Sequence[int], cost: Callable[[tuple[tuple[int, ...], ...]], float], most: int = 50_000
-) -> tuple[tuple[tuple[int, ...], ...], float]:
-    """All orders of each robot's jobs, the first robot's kept (only the relative order counts).
+    jobs: Sequence[int], cost: Callable[[Orders], float], most: int = 20_000
+) -> tuple[Orders, float]:
+    """The cheapest of all orders of each robot's jobs (1 where a robot's order is given).
 
-    `cost` maps one order per robot to joules, inf where a hand-over breaks; proven by enumeration.
+    `cost` maps one order per robot to joules, inf where it is forbidden; proven by enumeration.
+    The given order comes first and is kept among equals. Raises `ProblemError` beyond `most`.
     """
-    total = int(np.prod([_factorial(n) for n in jobs[1:]]))
+    total = count_orders(jobs)
     if total > most:
         raise ProblemError(
-            Fault("orders", "", "jobs", f"{total} orders", f"<= {most}", "use order_search")
+            Fault("orders", "", "jobs", f"{total:.0f} orders", f"<= {most}", "use order_search")
         )
-    first = tuple(range(jobs[0]))
-    best, value = (first,) * len(jobs), np.inf
-    for rest in product(*(permutations(range(n)) for n in jobs[1:])):
-        found = cost((first, *rest))
+    best: Orders = tuple(tuple(range(n)) for n in jobs)
+    value = cost(best)
+    for orders in product(*(permutations(range(n)) for n in jobs)):
+        found = cost(orders)
         if found < value:
-            best, value = (first, *rest), found
+            best, value = orders, found
     return best, float(value)
+
+
+def count_orders(jobs: Sequence[int]) -> float:
+    """How many orders there are."""
+    return float(np.prod([np.prod(np.arange(1, n + 1), dtype=float) for n in jobs]))
 
 
 def order_search(
     jobs: Sequence[int],
-    cost: Callable[[tuple[tuple[int, ...], ...]], float],
+    cost: Callable[[Orders], float],
     seed: int,
     rounds: int = 4000,
-) -> tuple[tuple[tuple[int, ...], ...], float]:
+    start: Orders | None = None,
+) -> tuple[Orders, float]:
     """Exchanges of two jobs of one robot, accepted like simulated annealing; best order met."""
     rng = np.random.default_rng(seed)
-    orders = [list(range(n)) for n in jobs]
+    given = start if start is not None else tuple(tuple(range(n)) for n in jobs)
+    orders = [list(row) for row in given]
     value = cost(tuple(map(tuple, orders)))
     best, best_value = tuple(map(tuple, orders)), value
     movable = [r for r, n in enumerate(jobs) if n > 1]
-    scale = 0.1 * abs(value) if np.isfinite(value) else 1.0
+    typical, count = 0.0, 0  # mean change of the cost by an exchange
     for k in range(rounds if movable else 0):
         r = movable[int(rng.integers(len(movable)))]
         i, j = rng.choice(jobs[r], size=2, replace=False)
         orders[r][i], orders[r][j] = orders[r][j], orders[r][i]
         found = cost(tuple(map(tuple, orders)))
-        heat = scale * (1.0 - k / rounds) + 1e-12
-        if found <= value or rng.random() < np.exp(min(0.0, (value - found) / heat)):
+        keep = found <= value
+        if not keep and np.isfinite(found):
+            count += 1
+            typical += (found - value - typical) / count
+            heat = typical * (1.0 - k / rounds) ** 2 + 1e-12
+            keep = rng.random() < np.exp((value - found) / heat)
+        if keep:
             value = found
             if value < best_value:
                 best, best_value = tuple(map(tuple, orders)), value
         else:
             orders[r][i], orders[r][j] = orders[r][j], orders[r][i]
     return best, float(best_value)
-
-
-def _factorial(n: int) -> int:
-    return int(np.prod(np.arange(1, n + 1), dtype=float))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sequencing.timing.arm_shapes import ArmShapes, arm_shapes, joint_frames
-from sequencing.timing.cell import Cell
+from sequencing.timing.cell_types import Cell
 from sequencing.timing.coordination import (
     CELLS,
     CoordinationMap,
@@ -44,17 +44,35 @@ class PreparedCell:
         """All trajectories of all robots over `total_s`."""
         return self._timeline(self.tables, total_s, step_s)
 
-    def window(self, numbers: Sequence[int], total_s: float, step_s: float = 0.004) -> Timeline:
-        """One trajectory for each robot, by number."""
+    def window(
+        self,
+        numbers: Sequence[int],
+        total_s: float,
+        step_s: float = 0.004,
+        standing: Sequence[tuple[int, bool]] = (),
+    ) -> Timeline:
+        """One trajectory for each robot, by number, then the robots that stand through it.
+
+        `standing` has (trajectory, True at its end or False at its start) of each such robot; it
+        counts as a trajectory as long as the window, at full speed, that draws its holding power.
+        """
         tables = [[self.tables[k]] for k in numbers]
-        link_of = [self.cell.link_of[self.cell.owner(k)[0]] for k in numbers]
+        for k, ended in standing:
+            power = self.tables[k].hold_end_w if ended else self.tables[k].hold_start_w
+            tables.append([_standing_table(power, total_s)])
+        owners = [self.cell.owner(k)[0] for k in (*numbers, *(k for k, _ in standing))]
+        link_of = [self.cell.link_of[r] for r in owners]
         return make_timeline(tables, total_s, self.cell.links, link_of, step_s)
 
     def evaluate(
         self, start_s: np.ndarray, override: np.ndarray, total_s: float, step_s: float = 0.001
     ) -> Evaluation:
-        """Energy with the per-joint model at fine steps and the chopper's hysteresis."""
-        exact = tuple(exact_table(p, float(d)) for p, d in zip(self.paths, override))
+        """Energy with the per-joint model at fine steps and the chopper's hysteresis.
+
+        Each robot runs its trajectories by their starts, whatever their numbers.
+        """
+        start_s, override, paths = self._by_start(start_s, override)
+        exact = tuple(exact_table(p, float(d)) for p, d in zip(paths, override))
         line = self._timeline(exact, total_s, step_s)
         drawn = drawn_j(line, start_s, override)
         runs = [
@@ -79,13 +97,31 @@ class PreparedCell:
         self, start_s: np.ndarray, override: np.ndarray, total_s: float, step_s: float = 0.004
     ) -> np.ndarray:
         """Power of each robot on its link (R, K) [W]."""
-        exact = tuple(exact_table(p, float(d)) for p, d in zip(self.paths, override))
+        start_s, override, paths = self._by_start(start_s, override)
+        exact = tuple(exact_table(p, float(d)) for p, d in zip(paths, override))
         first = self.cell.first
         tables = [list(exact[a:b]) for a, b in itertools.pairwise(first)]
         count = len(tables)
         links = [self.cell.links[m] for m in self.cell.link_of]
         line = make_timeline(tables, total_s, links, range(count), step_s)
         return drawn_j(line, start_s, override) / line.step_s
+
+    def _by_start(
+        self, start_s: np.ndarray, override: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, list[PathPower]]:
+        """Starts, overrides and paths (S,), each robot's in the order in which they begin."""
+        start = np.asarray(start_s, dtype=float)
+        order = np.concatenate(
+            [
+                a + np.argsort(start[a:b], kind="stable")
+                for a, b in itertools.pairwise(self.cell.first)
+            ]
+        )
+        return (
+            start[order],
+            np.asarray(override, dtype=float)[order],
+            [self.paths[k] for k in order],
+        )
 
     def _timeline(self, tables: Sequence[PowerTable], total_s: float, step_s: float) -> Timeline:
         first = self.cell.first
@@ -108,12 +144,18 @@ class Evaluation:
     step_s: float
 
 
+def _standing_table(power_w: float, length_s: float) -> PowerTable:
+    coefficients = np.zeros((5, 3))
+    coefficients[0] = power_w * np.linspace(0.0, length_s, 3)
+    return PowerTable(length_s, 0.5 * length_s, coefficients, power_w, power_w)
+
+
 def prepare_cell(cell: Cell, cell_s: float = 0.004) -> PreparedCell:
     """Inverse dynamics once along every path of the cell."""
     paths = tuple(
-        path_power(loaded, trajectory, cell_s)
+        path_power(loaded, trajectory, cell_s, wrench)
         for robot in cell.robots
-        for loaded, trajectory in zip(robot.loaded, robot.trajectories)
+        for loaded, trajectory, wrench in zip(robot.loaded, robot.trajectories, robot.wrench)
     )
     return PreparedCell(cell, paths, tuple(power_table(path) for path in paths))
 
@@ -174,18 +216,33 @@ class Geometry:
         durations = np.array([t for row in self.cell.durations_s for t in row])
         return Crossings(pairs, durations, total_s)
 
-    def window(self, numbers: Sequence[int], total_s: float) -> Crossings:
-        """Check of one window: one trajectory for each robot, by number."""
+    def window(
+        self, numbers: Sequence[int], total_s: float, standing: Sequence[tuple[int, bool]] = ()
+    ) -> Crossings:
+        """Check of one window: one trajectory for each robot, by number.
+
+        `standing` as in `PreparedCell.window`; those robots are met at where they stand.
+        """
+        every = [*numbers, *(k for k, _ in standing)]
 
         def build(i: int, j: int) -> CoordinationMap:
-            return self.map(numbers[i], numbers[j])
+            # A map belongs to two robots in the order of the cell.
+            if every[i] < every[j]:
+                return self.map(every[i], every[j])
+            return self.map(every[j], every[i]).turned()
 
-        size = len(numbers)
+        size, moving = len(every), len(numbers)
         pairs = [
-            PairMaps((i, i + 1), (j, j + 1), build) for i in range(size) for j in range(i + 1, size)
+            PairMaps((i, i + 1), (j, j + 1), build)
+            for i in range(moving)
+            for j in range(i + 1, size)
         ]
-        flat = np.array([t for row in self.cell.durations_s for t in row])
-        return Crossings(pairs, flat[list(numbers)], total_s)
+        flat = np.array([t for row in self.cell.durations_s for t in row])[every]
+        held = {
+            moving + m: (-2.0 * flat[moving + m] if ended else 2.0 * total_s)
+            for m, (_, ended) in enumerate(standing)
+        }
+        return Crossings(pairs, flat, total_s, held)
 
     def _placer(self, number: int) -> ExactPlacer:
         if number not in self._frames:

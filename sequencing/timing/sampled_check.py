@@ -16,7 +16,7 @@ import numpy as np
 
 from planning.shapes import Body
 from sequencing.timing.arm_shapes import ArmShapes, arm_shapes, body_shapes, joint_frames
-from sequencing.timing.cell import CellRobot
+from sequencing.timing.cell_types import CellRobot
 from sequencing.timing.obb import boxes_overlap
 
 __all__ = ["BROAD", "NARROW", "SampledCheck"]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dmoc.status import Status
-from sequencing.timing.cell import Cell, load_cell
+from sequencing.timing.cell import load_cell
+from sequencing.timing.cell_types import Cell
+from sequencing.timing.first_level import FirstLevel, first_level
+from sequencing.timing.jobs import in_given_numbers, in_order, rearranged
 from sequencing.timing.optimise import DEFAULT_SEARCH, SearchParams
 from sequencing.timing.path_power import drive_of
 from sequencing.timing.prepared import Geometry, PreparedCell, prepare_cell
@@ -25,7 +28,7 @@ from sequencing.timing.strategies import (
     stretched_timing,
     window_timing,
 )
-from sequencing.timing.verify import check_schedule
+from sequencing.timing.verify import Contact, check_fixtures, check_obstacles, check_schedule
 
 __all__ = ["Case", "Schedule", "run_schedule", "schedule"]
 
@@ -55,7 +58,9 @@ class Schedule:
     """Start and length [s] of every trajectory (S,), grid power (K,) [W], energy [J] and status.
 
     `cases` holds the baselines and the answers of each strategy; the schedule itself is the best
-    of those without collision. `status` is converged, or in_collision if no strategy found one.
+    of those without collision. `status` is converged, or in_collision if no strategy found one or
+    if a path meets the part or fixtures of another robot's station (`fixture_contacts`), which no
+    timing mends. `order` is what the first level chose, None where windows cannot be used.
     """
 
     cell: Cell
@@ -70,6 +75,9 @@ class Schedule:
     cases: tuple[Case, ...]
     preparation_cpu_s: float
     windows: Windows | None
+    order: FirstLevel | None
+    fixture_contacts: tuple[Contact, ...]
+    obstacle_contacts: tuple[Contact, ...]
 
 
 def schedule(
@@ -82,7 +90,9 @@ def schedule(
 
     Cases: `as-fast-as-possible`, `stretched`, `windows-no-collision`, `windows`,
     `general-no-collision`, `general` (the window cases only where windows fit). Where the fast
-    baseline itself collides, robots first wait for each other (`separated`).
+    baseline itself collides, robots first wait for each other (`separated`). Where the first level
+    finds other windows, or another order of the jobs, that promise less energy in the same time:
+    `order` (those windows, timed with collisions) and `order-general` (all at once from there).
     """
     say = progress or (lambda _: None)
     begin = time.process_time()
@@ -116,6 +126,16 @@ def schedule(
             safe, safe_case = tight, cases[-1]
     else:
         loose = safe
+    say("order")
+    begin = time.process_time()
+    level = first_level(prepared, fast.total_s, seed, geometry, params)
+    spent = time.process_time() - begin
+    ordered, ordered_case = None, cases[-1]
+    if level is not None and level.changed:
+        ordered = add(
+            "order", lambda: window_timing(prepared, level.windows, seed, geometry, params)
+        )
+        ordered_case = cases[-1] = replace(cases[-1], cpu_s=cases[-1].cpu_s + spent)
     others = [stretched] if windows is None else [stretched, fast]
     relaxed = add(
         "general-no-collision", lambda: general_timing(prepared, loose, seed, None, others)
@@ -123,16 +143,30 @@ def schedule(
     if safe_case.collisions == 0:
         others.append(relaxed)
         add("general", lambda: general_timing(prepared, safe, seed, geometry, others))
+    if level is not None and ordered is not None and ordered_case.collisions == 0:
+        add("order-general", lambda: _general_in_order(prepared, level, ordered, seed))
     allowed = [case for case in cases if case.collisions == 0]
     best = min(allowed or [safe_case], key=lambda case: case.energy_j)
+    fixtures, obstacles = check_fixtures(cell), check_obstacles(cell)
     result = prepared.evaluate(best.timing.start_s, best.timing.override, best.timing.total_s)
     flat = np.array([t for row in cell.durations_s for t in row])
     return Schedule(
         cell, best.timing.start_s, best.timing.override, flat / best.timing.override,
         result.grid_w, result.step_s, best.energy_j,
-        Status.CONVERGED if allowed else Status.IN_COLLISION, best.name, tuple(cases),
-        preparation, windows,
+        Status.CONVERGED if allowed and not fixtures else Status.IN_COLLISION, best.name,
+        tuple(cases), preparation, windows, level, tuple(fixtures), tuple(obstacles),
     )  # fmt: skip
+
+
+def _general_in_order(
+    prepared: PreparedCell, level: FirstLevel, start: Timing, seed: int
+) -> Timing:
+    """The general problem with the first level's order of jobs, from its windows' timing."""
+    numbers = in_order(prepared.cell, level.order)
+    arranged = rearranged(prepared, level.order)
+    begin = replace(start, start_s=start.start_s[numbers], override=start.override[numbers])
+    found = general_timing(arranged, begin, seed, Geometry(arranged.cell))
+    return in_given_numbers(found, numbers)
 
 
 def _case(
@@ -149,12 +183,9 @@ def _case(
             count += 1
         last[pair] = contact.time_s
     base = result.link_j if base_j is None else base_j
-    words = tuple(
-        f"{c.time_s:.3f} s: {c.first} {c.solids[0]} and {c.second} {c.solids[1]}" for c in contacts
-    )
     return Case(
         name, timing, result.link_j, result.total_j, 100.0 * (1.0 - result.link_j / base), count,
-        words[:20], result.chopper_j, cpu_s,
+        tuple(map(str, contacts[:20])), result.chopper_j, cpu_s,
     )  # fmt: skip
 
 
@@ -204,10 +235,39 @@ def schedule_to_dict(found: Schedule) -> dict[str, Any]:
         "start_s": {name: found.start_s[span].tolist() for name, span in spans.items()},
         "override": {name: found.override[span].tolist() for name, span in spans.items()},
         "length_s": {name: found.duration_s[span].tolist() for name, span in spans.items()},
+        "order": _order_to_dict(found),
+        "fixture_contacts": [str(contact) for contact in found.fixture_contacts[:20]],
+        "obstacle_contacts": [str(contact) for contact in found.obstacle_contacts[:20]],
         "preparation_cpu_s": found.preparation_cpu_s,
         "provenance": {
             "drive": drives,
             "robot": {r.name: dict(r.robot.provenance) for r in found.cell.robots},
             "link": "assumed, except voltages of published order",
         },
+    }
+
+
+def _order_to_dict(found: Schedule) -> dict[str, Any]:
+    """What the first level chose; `sequence` is the order of the best case, by given numbers."""
+    first = found.cell.first
+    spans = {robot.name: slice(first[r], first[r + 1]) for r, robot in enumerate(found.cell.robots)}
+    sequence = {
+        name: np.argsort(found.start_s[span], kind="stable").tolist()
+        for name, span in spans.items()
+    }
+    level = found.order
+    if level is None:
+        return {"method": "none", "reason": "windows cannot be used", "sequence": sequence}
+    names = [f"{robot.name}/{k}" for robot in found.cell.robots for k in range(len(robot.labels))]
+    return {
+        "method": level.method,
+        "proven": level.proven,
+        "orders": level.orders,
+        "alignments": level.alignments,
+        "windows_valued": level.valued,
+        "changed": level.changed,
+        "estimate_j": level.estimate_j,
+        "given_estimate_j": level.given_j if np.isfinite(level.given_j) else None,
+        "windows": [[names[k] for k in group] for group in level.windows.numbers],
+        "sequence": sequence,
     }

@@ -14,13 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sequencing.timing.cell_types import Cell
 from sequencing.timing.optimise import DEFAULT_SEARCH, SearchParams, TimingResult, optimise_timing
+from sequencing.timing.path_power import MIN_OVERRIDE
 from sequencing.timing.prepared import Geometry, PreparedCell
 from sequencing.timing.slack import SlackGraph, decode, encode, slack_graph
 
 __all__ = [
-    "Timing", "Windows", "fast_timing", "general_timing", "make_windows", "stretched_timing",
-    "window_timing",
+    "Timing", "Windows", "fast_timing", "general_timing", "make_windows", "owners",
+    "standing_of", "stretched_timing", "window_graph", "window_result", "window_timing",
 ]  # fmt: skip
 
 
@@ -36,17 +38,27 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """`numbers`: the trajectories of each window, at most one a robot; `edges_s` (W+1,) [s]."""
+    """`numbers`: the trajectories of each window, at most one a robot; `edges_s` (W+1,) [s].
+
+    `standing` has, for each window, the robots that wait through it: (trajectory, True if they
+    stand at its end, False if at its start).
+    """
 
     numbers: tuple[tuple[int, ...], ...]
     edges_s: np.ndarray
+    standing: tuple[tuple[tuple[int, bool], ...], ...]
 
 
-def make_windows(prepared: PreparedCell, groups: list[list[int]] | None = None) -> Windows | None:
+def make_windows(
+    prepared: PreparedCell,
+    groups: Sequence[Sequence[int]] | None = None,
+    total_s: float | None = None,
+) -> Windows | None:
     """Windows of the k-th trajectories, or of given `groups`; None where they do not fit.
 
     They fit if no robot has to stand still after a trajectory and every hand-over leads from an
-    earlier window to a later one.
+    earlier window to a later one. Each is as long as its longest trajectory; what `total_s` leaves
+    over is shared out among them in proportion.
     """
     cell = prepared.cell
     first = cell.first
@@ -61,8 +73,32 @@ def make_windows(prepared: PreparedCell, groups: list[list[int]] | None = None) 
     if any(window_of[a] >= window_of[b] for a, b in cell.handovers):
         return None
     flat = np.array([t for row in cell.durations_s for t in row])
-    lengths = [flat[group].max() for group in groups]
-    return Windows(tuple(map(tuple, groups)), np.concatenate([[0.0], np.cumsum(lengths)]))
+    edges = np.concatenate([[0.0], np.cumsum([flat[list(group)].max() for group in groups])])
+    if total_s is not None and total_s > edges[-1] * (1.0 + 1e-12):
+        edges *= total_s / edges[-1]
+    return Windows(tuple(map(tuple, groups)), edges, standing_of(owners(cell), groups))
+
+
+def owners(cell: Cell) -> list[int]:
+    """The robot of every trajectory, by number."""
+    return [r for r, robot in enumerate(cell.robots) for _ in robot.trajectories]
+
+
+def standing_of(
+    owner: Sequence[int], groups: Sequence[Sequence[int]]
+) -> tuple[tuple[tuple[int, bool], ...], ...]:
+    """Who waits through each window, and where: at the end of the last, or before the first."""
+    place: dict[int, tuple[int, bool]] = {}
+    for group in groups:
+        for k in group:
+            place.setdefault(owner[k], (k, False))
+    rows = []
+    for group in groups:
+        moving = {owner[k]: k for k in group}
+        rows.append(tuple(place[r] for r in sorted(place) if r not in moving))
+        for r, k in moving.items():
+            place[r] = (k, True)
+    return tuple(rows)
 
 
 def whole_graph(
@@ -105,7 +141,8 @@ def stretched_timing(prepared: PreparedCell, windows: Windows | None, total_s: f
     lengths = np.ones(flat.size)
     for w, group in enumerate(windows.numbers):
         lengths[list(group)] = windows.edges_s[w + 1] - windows.edges_s[w]
-    return Timing(fast.start_s, flat / lengths, fast.total_s)
+    override = np.clip(flat / lengths, MIN_OVERRIDE, 1.0)
+    return Timing(fast.start_s, override, fast.total_s)
 
 
 def window_timing(
@@ -119,7 +156,6 @@ def window_timing(
 
     A window without an allowed schedule keeps the fast one; the final check will name it.
     """
-    flat = np.array([t for row in prepared.cell.durations_s for t in row])
     fast = fast_timing(prepared, windows)
     start, override = fast.start_s.copy(), fast.override.copy()
     seeds = np.random.default_rng(seed).integers(2**31, size=len(windows.numbers))
@@ -127,7 +163,9 @@ def window_timing(
     for w, group in enumerate(windows.numbers):
         numbers = list(group)
         length = float(windows.edges_s[w + 1] - windows.edges_s[w])
-        result = window_result(prepared, numbers, length, int(seeds[w]), geometry, params, flat)
+        result = window_result(
+            prepared, numbers, length, int(seeds[w]), geometry, params, windows.standing[w]
+        )
         evaluations += result.evaluations
         if np.isfinite(result.value_j):
             start[numbers] = windows.edges_s[w] + result.start_s
@@ -137,28 +175,48 @@ def window_timing(
 
 def window_result(
     prepared: PreparedCell,
-    numbers: list[int],
+    numbers: Sequence[int],
     length_s: float,
     seed: int,
     geometry: Geometry | None,
     params: SearchParams,
-    flat: np.ndarray,
+    standing: Sequence[tuple[int, bool]] = (),
 ) -> TimingResult:
-    """One window: the trajectories `numbers`, one a robot, within `length_s`."""
-    line = prepared.window(numbers, length_s)
-    graph = slack_graph([[flat[k]] for k in numbers], (), length_s)
+    """One window: the trajectories `numbers`, one a robot, within `length_s`.
+
+    The robots of `standing` wait through it; starts and overrides (S,) are those of `numbers`.
+    """
+    every = [*numbers, *(k for k, _ in standing)]
+    line = prepared.window(numbers, length_s, standing=standing)
+    graph = window_graph([prepared.tables[k].duration_s for k in numbers], len(standing), length_s)
     relaxed = optimise_timing(line, graph, seed, None, params)
     if geometry is None:
-        return relaxed
+        return _without_standing(relaxed, len(numbers))
     # Where capsules are in the way of the best timing, see whether the solids are.
-    check = geometry.window(numbers, length_s)
+    check = geometry.window(numbers, length_s, standing)
     meeting = check.collisions(relaxed.start_s, relaxed.override)
-    while meeting and geometry.sharpen([(numbers[a], numbers[b]) for a, b in meeting]):
-        check = geometry.window(numbers, length_s)
+    while meeting and geometry.sharpen(
+        [(min(every[a], every[b]), max(every[a], every[b])) for a, b in meeting]
+    ):
+        check = geometry.window(numbers, length_s, standing)
         meeting = check.collisions(relaxed.start_s, relaxed.override)
-    if not meeting:
-        return relaxed
-    return optimise_timing(line, graph, seed, check.free, params)
+    if meeting:
+        relaxed = optimise_timing(line, graph, seed, check.free, params)
+    return _without_standing(relaxed, len(numbers))
+
+
+def window_graph(durations_s: Sequence[float], standing: int, length_s: float) -> SlackGraph:
+    """The box of one window: trajectories without slack and robots that stand are not variables."""
+    lengths = [*durations_s, *([length_s] * standing)]
+    tight = {k: (0.0, t) for k, t in enumerate(lengths) if length_s - t <= 1e-12 * length_s}
+    return slack_graph([[t] for t in lengths], (), length_s, tight)
+
+
+def _without_standing(found: TimingResult, moving: int) -> TimingResult:
+    return replace(
+        found, z=found.z[:, :moving], start_s=found.start_s[:moving],
+        override=found.override[:moving], relaxed_z=found.relaxed_z[:, :moving],
+    )  # fmt: skip
 
 
 def general_timing(

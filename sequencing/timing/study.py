@@ -62,7 +62,7 @@ def first_trajectories(cell: Cell, count: int) -> Cell:
     robots = tuple(
         replace(
             item, trajectories=item.trajectories[:count], loaded=item.loaded[:count],
-            labels=item.labels[:count], pause_s=item.pause_s[:count],
+            labels=item.labels[:count], pause_s=item.pause_s[:count], wrench=item.wrench[:count],
         )
         for item in cell.robots
     )  # fmt: skip

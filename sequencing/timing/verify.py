@@ -17,12 +17,13 @@ import pinocchio as pin
 
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
-from sequencing.timing.arm_shapes import ArmShapes, arm_shapes, body_shapes
-from sequencing.timing.cell import Cell
+from planning.shapes import Body
+from sequencing.timing.arm_shapes import ArmShapes, arm_shapes, body_shapes, moving_shapes
+from sequencing.timing.cell_types import Cell
 from sequencing.timing.segment_distance import segment_distances
 from sequencing.timing.swept import joint_travel, reaches
 
-__all__ = ["Contact", "check_obstacles", "check_schedule"]
+__all__ = ["Contact", "check_fixtures", "check_obstacles", "check_schedule"]
 
 _SHORTEST_S = 2e-4
 
@@ -45,6 +46,11 @@ class Contact:
     def collides(self) -> bool:
         """True if the solids overlap, not merely come too near to be proven apart."""
         return self.distance_m <= 0.0
+
+    def __str__(self) -> str:
+        return (
+            f"{self.time_s:.3f} s: {self.first} {self.solids[0]} and {self.second} {self.solids[1]}"
+        )
 
 
 class _Actor:
@@ -126,8 +132,10 @@ def check_schedule(
     for r, item in enumerate(cell.robots):
         part = slice(cell.first[r], cell.first[r + 1])
         actor = _Actor(item.name, item.robot, arm_shapes(item.robot, item.tool_bodies))
-        actor.trajectories = [_bare(t) for t in item.trajectories]
-        actor.start, actor.override = np.asarray(start_s)[part], np.asarray(override)[part]
+        start, speed = np.asarray(start_s)[part], np.asarray(override)[part]
+        order = np.argsort(start, kind="stable")  # jobs may run in another order than given
+        actor.trajectories = [_bare(item.trajectories[k]) for k in order]
+        actor.start, actor.override = start[order], speed[order]
         actors.append(actor)
     found: list[Contact] = []
     for i, a in enumerate(actors):
@@ -137,25 +145,36 @@ def check_schedule(
     return found
 
 
-def check_obstacles(
-    cell: Cell, clearance_m: float = 0.0, skip: Sequence[str] = ("base_link",)
-) -> list[Contact]:
+def check_obstacles(cell: Cell, clearance_m: float = 0.0) -> list[Contact]:
     """Contacts of each robot's paths with the obstacles, at full speed; time does not matter.
 
-    Solids named in `skip` (the bases, which stand on the floor) are left out.
+    Solids that never move (bases, which stand on the floor) are left out.
     """
-    if not cell.obstacles:
-        return []
-    scene = _Actor("obstacles", None, body_shapes(cell.obstacles))
+    return _against(cell, [tuple(cell.obstacles)] * len(cell.robots), clearance_m)
+
+
+def check_fixtures(cell: Cell, clearance_m: float = 0.0) -> list[Contact]:
+    """Contacts of each robot's paths with part and fixtures of the other robots' stations."""
+    scenes = [
+        tuple(body for s, other in enumerate(cell.robots) if s != r for body in other.fixtures)
+        for r in range(len(cell.robots))
+    ]
+    return _against(cell, scenes, clearance_m)
+
+
+def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]], clearance_m: float) -> list[Contact]:
     found: list[Contact] = []
-    for item in cell.robots:
-        shapes = arm_shapes(item.robot, item.tool_bodies, skip)
+    for item, bodies in zip(cell.robots, scenes):
+        if not bodies:
+            continue
+        shapes = moving_shapes(arm_shapes(item.robot, item.tool_bodies))
         actor = _Actor(item.name, item.robot, shapes)
         actor.trajectories = [_bare(t) for t in item.trajectories]
         lengths = [t.duration_s for t in item.trajectories]
         actor.start = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
         actor.override = np.ones(len(lengths))
         times = sorted({0.0, *actor.events()})
+        scene = _Actor("obstacles", None, body_shapes(bodies))
         found += _between(actor, scene, times, clearance_m, 1000)
     return found
 

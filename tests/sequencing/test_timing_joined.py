@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from dmoc.errors import InputError
 from dmoc.trapezoid import trapezoid_motion
 from planning import demo_station
-from sequencing.timing import cell as cell_module
+from sequencing.timing import run_robot
 from sequencing.timing.cell import load_cell
 from sequencing.timing.joined import write_joined_cell
 from sequencing.timing.schedule import schedule
@@ -28,9 +29,12 @@ def fake_run(station, stops, weld_s: float, name: str, fingerprint: str | None =
         for k, (a, b) in enumerate(itertools.pairwise(stops))
     ]  # fmt: skip
     return SimpleNamespace(
-        name=name, robot=station.robot, robot_note="", motions=tuple(motions),
+        name=name, folder=Path("gone"), robot=station.robot, robot_note="", motions=tuple(motions),
         welds=tuple(SimpleNamespace(stud=n, time_s=weld_s) for n in names[1:-1]),
-        result={"robot": {"fingerprint": fingerprint or station.robot.fingerprint}},
+        result={
+            "robot": {"fingerprint": fingerprint or station.robot.fingerprint},
+            "inputs": {"station_fingerprint": "of a part of it"},
+        },
     )  # fmt: skip
 
 
@@ -43,7 +47,7 @@ def runs(monkeypatch):
     for name, welds in (("left", 2), ("right", 4)):
         stops = [home, *[home + rng.uniform(-0.3, 0.3, 6) for _ in range(welds)], home]
         made[name] = fake_run(station, stops, 1.5, station.name)
-    monkeypatch.setattr(cell_module, "read_run", lambda folder: made[folder.name])
+    monkeypatch.setattr(run_robot, "read_run", lambda folder: made[folder.name])
     return made
 
 
