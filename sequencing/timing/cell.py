@@ -93,7 +93,10 @@ def _robot_maker(
             return None
         bodies: tuple[Body, ...] = ()
         if entry.tool is not None:
+            before = len(build.faults)
             tooled = build_tool(entry.tool, build.folder, build.refuse((*field, "tool")))
+            if len(build.faults) > before:
+                return None
             if tooled is not None:
                 bodies, tool = tooled
                 robot = robot.with_tool(tool)
@@ -144,7 +147,7 @@ def _handovers(
         ends = []
         for key, text in (("from", item.from_), ("to", item.to)):
             name, _, number = text.rpartition("/")
-            if name in first and number.isdigit() and int(number) < size[name]:
+            if name in first and _is_count(number) and int(number) < size[name]:
                 ends.append(first[name] + int(number))
                 continue
             legal = ", ".join(f"{n}/0..{n}/{s - 1}" for n, s in size.items())
@@ -153,3 +156,8 @@ def _handovers(
         if len(ends) == 2:
             found.append((ends[0], ends[1]))
     return tuple(found)
+
+
+def _is_count(text: str) -> bool:
+    """Plain digits; `str.isdigit` alone would let superscripts through."""
+    return text.isascii() and text.isdigit() and len(text) < 9

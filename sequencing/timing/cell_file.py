@@ -10,7 +10,7 @@ from planning.station_file import ObstacleEntry, PoseEntry, ToolEntry
 
 __all__ = ["CellFile", "CellRobotEntry", "HandoverEntry", "LinkEntry", "LoadEntry", "cell_schema"]
 
-Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
+Volts = Annotated[float, Field(allow_inf_nan=False, ge=10, le=5000)]
 NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")]
 
@@ -72,11 +72,11 @@ class LinkEntry(_Entry):
     The capacitance is that of one link.
     """
 
-    capacitance_f: Positive
-    voltage_v: Positive
-    chopper_v: Positive
-    chopper_off_v: Positive | None = None
-    chopper_ohm: Positive | None = None
+    capacitance_f: Annotated[float, Field(allow_inf_nan=False, ge=1e-6, le=1e3)]
+    voltage_v: Volts
+    chopper_v: Volts
+    chopper_off_v: Volts | None = None
+    chopper_ohm: Annotated[float, Field(allow_inf_nan=False, ge=0.01, le=1e4)] | None = None
     rectifier_drop_v: NotNegative = 1.0
     shared: bool | list[list[str]] = True
 

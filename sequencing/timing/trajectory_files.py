@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import itertools
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
-from dmoc.errors import Fault, InputError
+from dmoc.errors import DmocError, Fault, InputError
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from dmoc.trapezoid import trapezoid_motion
@@ -57,70 +59,151 @@ def _from_archive(path: Path, robot: Robot, payload_kg: float) -> FolderMotions:
     try:
         with np.load(path, allow_pickle=False) as data:
             arrays = {key: np.array(data[key]) for key in data.files}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError, AttributeError, BadZipFile, zlib.error) as error:
         raise InputError(
-            Fault("motions-damaged", str(path), "", str(error)[:100], "a NumPy archive",
-                  "write it again")
+            Fault("motions-damaged", str(path), "motions.npz", str(error)[:100],
+                  "a NumPy archive of numbers", "write it again with numpy.savez")
         ) from error  # fmt: skip
     names = sorted({key.split("/")[0] for key in arrays})
     loaded = robot.with_payload(payload_kg)
     trajectories, faults = [], []
     for name in names:
-        parts = [arrays.get(f"{name}/{part}") for part in ("t_s", "q_rad", "velocity_rad_s")]
-        t, q, v = parts
-        if t is None or q is None or v is None or q.ndim != 2 or q.shape[1] != robot.num_joints:
-            faults.append(
-                Fault("motions-arrays", str(path), name, "missing or wrong arrays",
-                      f"t_s (N+1,), q_rad and velocity_rad_s (N+1, {robot.num_joints})",
-                      "write all three")
-            )  # fmt: skip
-            continue
-        torque = arrays.get(f"{name}/torque_nm", np.zeros((len(t) - 1, robot.num_joints)))
-        trajectories.append(JointTrajectory(t, q, v, torque, loaded))
+        made = _archived(path, name, arrays, loaded)
+        if isinstance(made, JointTrajectory):
+            trajectories.append(made)
+        else:
+            faults += made
     if not names:
-        faults.append(Fault("motions-empty", str(path), "", "no arrays", "at least one motion"))
+        faults.append(
+            Fault("motions-empty", str(path), "motions.npz", "no arrays", "at least one motion",
+                  "write NAME/t_s, NAME/q_rad, NAME/velocity_rad_s")
+        )  # fmt: skip
     if faults:
         raise InputError(faults)
     return FolderMotions(tuple(trajectories), (loaded,) * len(names), tuple(names))
 
 
+def _archived(
+    path: Path, name: str, arrays: dict[str, np.ndarray], robot: Robot
+) -> JointTrajectory | list[Fault]:
+    """One motion of an archive, or what is wrong with it."""
+    n = robot.num_joints
+    parts = [arrays.get(f"{name}/{part}") for part in ("t_s", "q_rad", "velocity_rad_s")]
+    t, q, v = parts
+    knots = 0 if q is None or q.ndim != 2 else len(q)
+    wanted = ((knots,), (knots, n), (knots, n))
+    torque = arrays.get(f"{name}/torque_nm", np.zeros((max(knots - 1, 0), n)))
+    real = all(a is not None and a.dtype.kind in "fiu" for a in (*parts, torque))
+    if (
+        not real or t is None or q is None or v is None
+        or knots < 2 or (t.shape, q.shape, v.shape) != wanted or torque.shape != (knots - 1, n)
+    ):  # fmt: skip
+        shapes = ", ".join("none" if a is None else f"{a.dtype}{a.shape}" for a in (*parts, torque))
+        return [
+            Fault("motions-arrays", str(path), name, f"t_s, q, v, torque: {shapes}",
+                  f"numbers of shapes (N+1,), (N+1, {n}), (N+1, {n}), torque_nm (N, {n}) or absent",
+                  "write all three for every motion, N >= 1")
+        ]  # fmt: skip
+    try:
+        made = JointTrajectory(t, q, v, torque, robot)
+    except DmocError as error:
+        return [
+            Fault(
+                fault.code, str(path), f"{name}/{fault.field}", fault.value, fault.legal, fault.fix
+            )
+            for fault in error.faults
+        ]
+    return _limits(path, name, made, robot) or made
+
+
+def _limits(path: Path, name: str, motion: JointTrajectory, robot: Robot) -> list[Fault]:
+    """What the robot cannot do of a motion: duration, angles and speeds, at and between knots."""
+    if not 1e-3 <= motion.duration_s <= 3600.0:
+        return [
+            Fault("motions-duration", str(path), name, f"{motion.duration_s:g} s",
+                  "0.001 .. 3600 s", "give times in seconds")
+        ]  # fmt: skip
+    middle = 0.5 * (motion.t_s[1:] + motion.t_s[:-1])
+    bare = JointTrajectory(motion.t_s, motion.q_rad, motion.velocity_rad_s, motion.torque_nm)
+    q, v, *_ = bare.sample(np.concatenate([motion.t_s, middle]))
+    faults = []
+    for j in range(robot.num_joints):
+        low, high = float(robot.q_lower_rad[j]), float(robot.q_upper_rad[j])
+        worst = max(q[:, j], key=lambda x: max(low - x, x - high))
+        if not low - 1e-4 <= worst <= high + 1e-4:
+            faults.append(
+                Fault("joint-limit", str(path), f"{name}/q_rad[:, {j}]", f"{worst:.4f} rad",
+                      f"{low:.4f} .. {high:.4f} rad", "plan the motion within the joint's limits")
+            )  # fmt: skip
+        speed, limit = float(np.abs(v[:, j]).max()), float(robot.velocity_limit_rad_s[j])
+        if speed > 1.01 * limit:
+            faults.append(
+                Fault("velocity-limit", str(path), f"{name}/velocity_rad_s[:, {j}]",
+                      f"{speed:.4f} rad/s", f"<= {limit:.4f} rad/s", "plan a slower motion")
+            )  # fmt: skip
+    return faults
+
+
 def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotions:
     n = robot.num_joints
     columns = ["label", *[f"q{j + 1}_rad" for j in range(n)]]
-    with path.open(newline="", encoding="utf-8") as stream:
-        reader = csv.DictReader(stream)
-        header = list(reader.fieldnames or [])
-        rows = list(reader)
-    missing = [name for name in columns if name not in header]
-    if missing:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.DictReader(stream)
+            header = list(reader.fieldnames or [])
+            rows = list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            Fault("csv-columns", str(path), ", ".join(missing), "missing", ", ".join(columns),
-                  "add the columns", 1)
+            Fault("csv-damaged", str(path), "waypoints.csv", str(error)[:100],
+                  "a table of UTF-8 text with commas", "save it as CSV, UTF-8")
+        ) from error  # fmt: skip
+    wrong = [name for name in columns if header.count(name) != 1]
+    if wrong:
+        raise InputError(
+            Fault("csv-columns", str(path), ", ".join(wrong),
+                  "missing" if not set(wrong) & set(header) else "missing or twice",
+                  ", ".join(columns), "give each column once, separated by commas", 1)
         )  # fmt: skip
-    points, payloads, labels, faults = [], [], [], []
+    points: list[np.ndarray] = []
+    payloads: list[float] = []
+    labels: list[str] = []
+    faults: list[Fault] = []
     for line, row in enumerate(rows, start=2):
-        try:
-            q = np.array([float(row[name]) for name in columns[1:]])
-            payload = float(row.get("payload_kg") or payload_kg)
-            if not np.isfinite(q).all() or not 0 <= payload <= 5000:
-                raise ValueError("not finite, or a payload outside 0..5000 kg")
-        except (TypeError, ValueError) as error:
+        q = np.array([_number(row.get(name), -np.inf, np.inf) for name in columns[1:]])
+        given = row.get("payload_kg")
+        payload = _number(given, 0.0, 5000.0) if given else payload_kg
+        if None in row:
             faults.append(
-                Fault("csv-value", str(path), "", str(error), "finite numbers", "mend it", line)
-            )
-            continue
+                Fault("csv-value", str(path), "row", f"{len(row[None])} cells too many",
+                      f"{len(header)} cells", "take the extra commas out", line)
+            )  # fmt: skip
+        for name, value in zip((*columns[1:], "payload_kg"), (*q, payload)):
+            if not np.isfinite(value):
+                legal = "0 .. 5000 kg" if name == "payload_kg" else "a finite number of radians"
+                shown = "nothing" if not row.get(name) else repr(row[name])[:60]
+                faults.append(
+                    Fault("csv-value", str(path), name, shown, legal, "write a number", line)
+                )
         out = (q < robot.q_lower_rad - 1e-9) | (q > robot.q_upper_rad + 1e-9)
         for j in np.flatnonzero(out):
-            legal = f"{robot.q_lower_rad[j]:.4f} .. {robot.q_upper_rad[j]:.4f}"
+            legal = f"{robot.q_lower_rad[j]:.4f} .. {robot.q_upper_rad[j]:.4f} rad"
             faults.append(
                 Fault("joint-limit", str(path), columns[1 + j], f"{q[j]:.4f}", legal,
-                      "move the waypoint", line)
+                      "move the waypoint; angles are in radians", line)
+            )  # fmt: skip
+        if points and np.abs(q - points[-1]).max() <= 1e-12:
+            faults.append(
+                Fault("no-motion", str(path), "q1_rad ..", "the joint vector of the row before",
+                      "a different one", "leave this row out", line)
             )  # fmt: skip
         points.append(q)
         payloads.append(payload)
-        labels.append(row["label"])
+        labels.append(row["label"] or "")
     if len(rows) < 2:
-        faults.append(Fault("csv-rows", str(path), "", f"{len(rows)} rows", "at least two"))
+        faults.append(
+            Fault("csv-rows", str(path), "waypoints.csv", f"{len(rows)} rows", "at least two",
+                  "give the joint vectors that the robot visits")
+        )  # fmt: skip
     if faults:
         raise InputError(faults)
     loaded = _loads(robot, payloads[1:])
@@ -129,6 +212,15 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
     )
     names = tuple(f"{a} -> {b}" for a, b in itertools.pairwise(labels))
     return FolderMotions(trajectories, loaded, names)
+
+
+def _number(text: str | None, low: float, high: float) -> float:
+    """The number, NaN if it is none or outside [low, high]."""
+    try:
+        value = float(text or "nan")
+    except ValueError:
+        return float("nan")
+    return value if low <= value <= high else float("nan")
 
 
 def _require_joined(folder: Path, found: FolderMotions) -> None:
