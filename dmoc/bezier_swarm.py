@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ __all__ = ["PAPER_SWARM", "Forbidden", "swarm_bezier"]
 
 #: Table 1 of the paper.
 PAPER_SWARM = SwarmParams(
-    particles=30, iterations=250, inertia=0.810, cognitive=0.495, social=0.724, max_step=1.0
+    particles=30, iterations=250, inertia=0.810, cognitive=0.495, social=0.724
 )
 #: The paper's velocity boundaries [rad per iteration] of Δ_1, Δ_5 and of Δ_2, Δ_3, Δ_4.
 END_STEP_RAD, FREE_STEP_RAD = 0.1, 0.2
@@ -25,32 +26,6 @@ PENALTY = 1e6
 
 #: Which of sampled curves q (P, K, n) touch something: (P,).
 Forbidden = Callable[[Array], npt.NDArray[np.bool_]]
-
-
-class _SteppedSwarm(Swarm):
-    """A swarm whose steps have a bound for every coordinate and end at the walls."""
-
-    def __init__(
-        self, lower: Array, upper: Array, seed: int, params: SwarmParams, start: Array,
-        step: Array, still: npt.NDArray[np.bool_],
-    ) -> None:  # fmt: skip
-        super().__init__(lower, upper, seed, params, start)
-        self._step = step
-        self._v = step * (2.0 * self._rng.random(self._x.shape) - 1.0)
-        self._v[still] = 0.0
-
-    def promising(self, values: Array) -> npt.NDArray[np.bool_]:
-        """Which of the points asked for would improve on their particle's best (m,)."""
-        return np.asarray(values < self._own_value[self._asked])
-
-    def _move(self) -> None:
-        p, shape = self.params, self._x.shape
-        pull = p.cognitive * self._rng.random(shape) * (self._own_x - self._x)
-        pull += p.social * self._rng.random(shape) * (self.best_x - self._x)
-        self._v = np.clip(p.inertia * self._v + pull, -self._step, self._step)
-        reached = self._x + self._v
-        self._x = np.clip(reached, self.lower, self.upper)
-        self._v[self._x != reached] = 0.0
 
 
 def swarm_bezier(
@@ -83,7 +58,11 @@ def swarm_bezier(
     offsets[still] = 0.0
     start = np.clip(problem.straight + offsets, lower, upper)
     step = np.repeat([END_STEP_RAD, *[FREE_STEP_RAD] * 3, END_STEP_RAD], n)
-    swarm = _SteppedSwarm(lower, upper, seed, params, start, step, still)
+    own = np.random.default_rng(seed)
+    own.random((2, *start.shape))  # seeds keep the results of when a swarm drew these two itself
+    velocity = step * (2.0 * own.random(start.shape) - 1.0)
+    velocity[still] = 0.0
+    swarm = Swarm(lower, upper, own, replace(params, wall="absorbing"), start, velocity, step)
     history = np.empty(params.iterations)
     for k in range(params.iterations):
         points = swarm.ask()

@@ -33,6 +33,9 @@ __all__ = [
     "ur_class_drive",
 ]
 
+REST_RAD_S = 1e-12
+"""Slower joints stand still: they have neither friction nor iron losses."""
+
 _REQUIRED = ("gear_ratio", "torque_constant_nm_a", "copper_ohm")
 
 
@@ -124,6 +127,8 @@ def electrical_power_w(
 
     `qd` [rad/s], `qdd` [rad/s^2] and `tau` [Nm, armature included] are numpy arrays (..., n) or
     CasADi columns (n, 1); the result has their shape: sum it over the axes for the robot.
+    A joint slower than `REST_RAD_S` stands still.
+
     `smoothing` [rad/s] > 0 replaces sgn(qd) by tanh(qd / smoothing), |qd| by qd tanh(qd/smoothing),
     |i| by sqrt(i^2 + e^2) - e with e = 5 A s/rad smoothing, and |qd|^0.5 by
     (qd^2 + smoothing^2)^0.25, so that gradients and Hessians exist everywhere; 0 is the exact
@@ -136,7 +141,8 @@ def electrical_power_w(
         sign = lib.tanh(qd / smoothing)
         root = (qd**2 + smoothing**2) ** 0.25
     else:
-        sign = lib.sign(qd)
+        # Round-off of a joint at rest has a sign too, but no friction.
+        sign = lib.sign(qd) * (lib.fabs(qd) >= REST_RAD_S)
         root = lib.sqrt(lib.fabs(qd))
     gear_torque = (
         tau

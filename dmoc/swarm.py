@@ -36,7 +36,7 @@ class SwarmParams:
     inertia: float = 0.7298
     cognitive: float = 1.49618
     social: float = 1.49618
-    max_step: float = 0.5  # largest |v| as a fraction of the box
+    max_step: float | tuple[float, ...] = 0.5  # largest |v| as a fraction of the box, per axis
     wall: Wall = "invisible"
 
     def __post_init__(self) -> None:
@@ -47,7 +47,7 @@ class SwarmParams:
         if self.wall not in ("invisible", "absorbing", "reflecting"):
             legal = "invisible | absorbing | reflecting"
             faults.append(Fault("swarm-wall", "", "wall", str(self.wall), legal))
-        if not self.max_step > 0:
+        if not np.all(np.asarray(self.max_step) > 0):
             faults.append(Fault("swarm-step", "", "max_step", str(self.max_step), "> 0"))
         if faults:
             raise ProblemError(faults)
@@ -70,16 +70,21 @@ class Swarm:
     """Ask/tell state of one swarm: for objectives that come from outside, a real robot included.
 
     `lower`, `upper` (d,) bound the box; `start` (k, d) places the first k particles, the others
-    are uniform in the box. Use `ask()` -> points (m, d), evaluate them, `tell(values)` (m,).
+    are uniform in the box. `start_velocity` (particles, d) is what they begin with, at random if
+    None; `max_velocity` (d,) bounds |v| in the units of the box instead of `params.max_step`.
+    `seed` may be a generator to go on with. Use `ask()` -> points (m, d), evaluate them,
+    `tell(values)` (m,).
     """
 
     def __init__(
         self,
         lower: np.ndarray,
         upper: np.ndarray,
-        seed: int,
+        seed: int | np.random.Generator,
         params: SwarmParams = SwarmParams(),
         start: np.ndarray | None = None,
+        start_velocity: np.ndarray | None = None,
+        max_velocity: np.ndarray | None = None,
     ) -> None:
         self.lower = np.asarray(lower, dtype=float)
         self.upper = np.asarray(upper, dtype=float)
@@ -95,11 +100,24 @@ class Swarm:
         self._rng = np.random.default_rng(seed)
         shape = (params.particles, self.lower.size)
         span = self.upper - self.lower
-        self._x = self.lower + span * self._rng.random(shape)
+        given = np.empty((0, span.size))
         if start is not None:
-            given = np.atleast_2d(np.asarray(start, dtype=float))[: params.particles]
-            self._x[: len(given)] = np.clip(given, self.lower, self.upper)
-        self._v = 0.25 * span * (2.0 * self._rng.random(shape) - 1.0)
+            given = _rows(start, "start", span.size)[: params.particles]
+        if len(given) < params.particles:
+            self._x = self.lower + span * self._rng.random(shape)
+        else:
+            self._x = np.empty(shape)
+        self._x[: len(given)] = np.clip(given, self.lower, self.upper)
+        self._limit = self._limits(span, max_velocity)
+        if start_velocity is None:
+            self._v = 0.25 * span * (2.0 * self._rng.random(shape) - 1.0)
+        else:
+            self._v = _rows(start_velocity, "start_velocity", span.size).copy()
+            if self._v.shape != shape:
+                legal = f"{shape}, a row for each particle"
+                raise ProblemError(
+                    Fault("swarm-start", "", "start_velocity", str(self._v.shape), legal)
+                )
         self._before = self._x.copy()
         self._own_x = self._x.copy()
         self._own_value = np.full(params.particles, np.inf)
@@ -107,6 +125,28 @@ class Swarm:
         self.best_x = self._x[0].copy()
         self.best_value = np.inf
         self.evaluations = 0
+
+    def _limits(self, span: np.ndarray, max_velocity: np.ndarray | None) -> np.ndarray:
+        """Largest |v| of every coordinate (d,)."""
+        if max_velocity is None:
+            step = np.asarray(self.params.max_step, dtype=float)
+            if step.ndim and step.shape != span.shape:
+                legal = f"one number or {span.size}"
+                raise ProblemError(Fault("swarm-step", "", "max_step", str(step.shape), legal))
+            return np.asarray(step * span)
+        limit = np.asarray(max_velocity, dtype=float)
+        if limit.shape != span.shape or not (limit >= 0).all():
+            legal = f"{span.size} numbers >= 0"
+            raise ProblemError(Fault("swarm-step", "", "max_velocity", str(limit), legal))
+        return limit
+
+    def promising(self, values: np.ndarray) -> np.ndarray:
+        """Which of the points of the last `ask` would improve on their particle's best (m,)."""
+        if self._asked is None:
+            raise ProblemError(
+                Fault("swarm-order", "", "promising", "no ask before", "ask, then promising")
+            )
+        return np.asarray(np.asarray(values, dtype=float) < self._own_value[self._asked])
 
     def ask(self) -> np.ndarray:
         """Points (m, d) inside the box to be evaluated now; m <= particles, m may be 0."""
@@ -149,8 +189,7 @@ class Swarm:
         # Nobody has found an allowed point yet: there is nothing to be drawn to but oneself.
         if np.isfinite(self.best_value):
             pull += p.social * self._rng.random(shape) * (self.best_x - self._x)
-        limit = p.max_step * (self.upper - self.lower)
-        self._v = np.clip(p.inertia * self._v + pull, -limit, limit)
+        self._v = np.clip(p.inertia * self._v + pull, -self._limit, self._limit)
         self._x = self._x + self._v
         if p.wall == "invisible":
             return
@@ -164,6 +203,15 @@ class Swarm:
         self._x = np.clip(self._x, self.lower, self.upper)
 
 
+def _rows(values: np.ndarray, name: str, size: int) -> np.ndarray:
+    """Finite rows (k, size)."""
+    rows = np.atleast_2d(np.asarray(values, dtype=float))
+    if rows.ndim != 2 or rows.shape[1] != size or not np.isfinite(rows).all():
+        legal = f"(k, {size}), finite"
+        raise ProblemError(Fault("swarm-start", "", name, str(rows.shape), legal))
+    return rows
+
+
 def minimise(
     objective: Callable[[np.ndarray], np.ndarray],
     lower: np.ndarray,
@@ -172,13 +220,15 @@ def minimise(
     params: SwarmParams = SwarmParams(),
     start: np.ndarray | None = None,
     callback: Callable[[int, float], None] | None = None,
+    start_velocity: np.ndarray | None = None,
 ) -> SwarmResult:
     """Minimise `objective`: points (m, d) -> values (m,), +inf where forbidden.
 
     Runs `params.iterations` rounds of the swarm and nothing else: same seed, same result.
-    `callback(iteration, best)` reports progress. If every point met was forbidden, `value` is inf.
+    `start`, `start_velocity` as in `Swarm`; `callback(iteration, best)` reports progress. If every
+    point met was forbidden, `value` is inf.
     """
-    swarm = Swarm(lower, upper, seed, params, start)
+    swarm = Swarm(lower, upper, seed, params, start, start_velocity)
     history = np.empty(params.iterations)
     for k in range(params.iterations):
         points = swarm.ask()

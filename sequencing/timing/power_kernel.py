@@ -6,6 +6,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from dmoc.drive import REST_RAD_S
+
 __all__ = ["exact_kernel"]
 
 
@@ -22,12 +24,12 @@ def exact_kernel(static, speed, velocity, acceleration, drive, override, out):
         total = 0.0
         for j in range(joints):
             v = override * velocity[p, j]
-            sign = 1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0)
+            sign = 1.0 if v >= REST_RAD_S else (-1.0 if v <= -REST_RAD_S else 0.0)
             friction = drive[0, j] * sign + drive[1, j] * v
             if drive[2, j] > 0.0:
                 friction += drive[2, j] * sign * root * np.sqrt(abs(velocity[p, j]))
             torque = static[p, j] + square * speed[p, j] + friction
             torque += drive[3, j] * square * acceleration[p, j]
             total += torque * v + drive[4, j] * torque * torque + drive[5, j] * v * v
-            total += drive[6, j] * abs(v) + drive[7, j] * abs(torque) + drive[8, j]
+            total += drive[6, j] * v * sign + drive[7, j] * abs(torque) + drive[8, j]
         out[p] = total

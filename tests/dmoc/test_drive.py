@@ -118,3 +118,15 @@ def test_arrays_are_read_only_and_pickle() -> None:
         params.coulomb_nm[0] = 1.0
     again = pickle.loads(pickle.dumps(params))
     assert again.to_dict() == params.to_dict()
+
+
+def test_round_off_of_a_joint_at_rest_has_no_friction() -> None:
+    params, tau = heavy_class_drive(), 200 * RNG.normal(size=6)
+    still = electrical_power_w(np.zeros(6), np.zeros(6), tau, params)
+    for noise in (1e-13, -1e-13):
+        np.testing.assert_allclose(
+            electrical_power_w(np.full(6, noise), np.zeros(6), tau, params), still, atol=1e-6
+        )
+    qd = ca.SX.sym("qd", 6)
+    power = ca.Function("p", [qd], [electrical_power_w(qd, np.zeros(6), ca.DM(tau), params)])
+    np.testing.assert_allclose(np.array(power(-1e-13)).ravel(), still, atol=1e-6)

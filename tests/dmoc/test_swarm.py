@@ -103,3 +103,60 @@ def test_misuse_is_refused() -> None:
     swarm.ask()
     with pytest.raises(ProblemError, match="values"):
         swarm.tell(np.full(24, np.nan))
+
+
+def test_each_coordinate_has_its_own_longest_step() -> None:
+    seen: list[np.ndarray] = []
+    swarm = Swarm(LOWER, UPPER, 0, SwarmParams(max_step=(0.01, 0.5, 0.01, 0.5), wall="absorbing"))
+    for _ in range(30):
+        seen.append(swarm.ask())
+        swarm.tell(-seen[-1].sum(axis=1))
+    steps = np.abs(np.diff(seen, axis=0)).max(axis=(0, 1))
+    assert (steps[[0, 2]] <= 0.01 + 1e-12).all()
+    assert (steps[[1, 3]] > 0.1).all()
+
+
+def test_the_longest_step_may_be_given_in_the_units_of_the_box() -> None:
+    box = np.array([10.0, 20.0])
+    one = Swarm(-box, box, 3, SwarmParams(max_step=(0.1, 0.05)))
+    two = Swarm(-box, box, 3, max_velocity=np.array([2.0, 2.0]))
+    for swarm in (one, two):
+        for _ in range(10):
+            swarm.tell((swarm.ask() ** 2).sum(axis=1))
+    np.testing.assert_allclose(one.best_x, two.best_x)
+
+
+def test_particles_begin_with_the_velocities_given() -> None:
+    start = np.full((24, 4), 0.5)
+    velocity = np.zeros((24, 4))
+    velocity[:, 1] = 0.1
+    swarm = Swarm(LOWER, UPPER, 0, SwarmParams(inertia=1.0), start, velocity)
+    np.testing.assert_array_equal(swarm.ask(), start)
+    swarm.tell(np.zeros(24))  # all equal: nobody is drawn anywhere
+    np.testing.assert_allclose(swarm.ask(), start + velocity)
+
+
+def test_promising_points_are_those_better_than_the_particles_own() -> None:
+    swarm = Swarm(LOWER, UPPER, 0)
+    swarm.ask()
+    swarm.tell(np.full(24, 2.0))
+    points = swarm.ask()
+    values = np.linspace(1.0, 3.0, len(points))
+    np.testing.assert_array_equal(swarm.promising(values), values < 2.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"params": SwarmParams(max_step=(0.1, 0.2))}, "max_step"),
+        ({"max_velocity": np.ones(3)}, "max_velocity"),
+        ({"start": np.full((2, 4), np.nan)}, "start"),
+        ({"start": np.zeros((2, 3))}, "start"),
+        ({"start_velocity": np.zeros((2, 4))}, "start_velocity"),
+    ],
+)
+def test_wrong_steps_and_starts_are_refused(changes, word) -> None:
+    with pytest.raises(ProblemError, match=word):
+        Swarm(LOWER, UPPER, 0, **changes)
+    with pytest.raises(ProblemError, match="promising"):
+        Swarm(LOWER, UPPER, 0).promising(np.zeros(24))
