@@ -23,7 +23,7 @@ from dmoc.swarm import SwarmParams, minimise
 from dmoc.trajectory import JointTrajectory
 from sequencing.timing.arm_shapes import joint_frames
 from sequencing.timing.coordination import ExactPlacer
-from sequencing.timing.optimise import SearchParams, optimise_timing
+from sequencing.timing.optimise import DEFAULT_SEARCH, SearchParams, optimise_timing
 from sequencing.timing.path_power import exact_power_w
 from sequencing.timing.prepared import Geometry, prepare_cell
 from sequencing.timing.sampled_check import BROAD, NARROW, SampledCheck

@@ -75,7 +75,13 @@ def pair_kernel(start, override, duration, a0, a1, b0, b1, index, blocks, total,
             edges[5] = until
             for m in range(6):
                 edges[m] = min(max(edges[m], t), until)
-            edges.sort()
+            for m in range(1, 6):  # six numbers: sorted by insertion
+                value = edges[m]
+                k = m
+                while k > 0 and edges[k - 1] > value:
+                    edges[k] = edges[k - 1]
+                    k -= 1
+                edges[k] = value
             block = blocks[which]
             cells = block.shape[0]
             for m in range(5):

@@ -192,11 +192,13 @@ class _Search:
         """Pattern search with random rotations of the axes, steps halved when nothing helps."""
         if not np.isfinite(self.value):
             return
-        step = 0.1
+        step, own = 0.1, np.eye(active.size)
         for _ in range(rounds):
             x = self.z.reshape(-1)[active]
-            axes = np.linalg.qr(rng.standard_normal((active.size, active.size)))[0]
-            moves = np.concatenate([np.eye(active.size), axes])
+            # A random reflection turns the axes; it costs no factorisation.
+            normal = rng.standard_normal(active.size)
+            axes = own - np.outer(normal, (2.0 / (normal @ normal)) * normal)
+            moves = np.concatenate([own, axes])
             trial = np.clip(np.concatenate([x + step * moves, x - step * moves]), 0.0, 1.0)
             before = self.value
             self.offer(self.expand(trial, active), "polish")

@@ -50,6 +50,7 @@ class Timeline:
     limits: np.ndarray
     total_s: float
     steps: int
+    longest: int  # nodes of the longest table
 
     @property
     def num_trajectories(self) -> int:
@@ -86,6 +87,7 @@ def make_timeline(
         limits=np.array([[k.min_energy_j, k.max_energy_j, k.grid_factor] for k in links]),
         total_s=float(total_s),
         steps=max(1, round(total_s / step_s)),
+        longest=int(np.diff(node).max()),
     )
 
 
@@ -95,7 +97,7 @@ def _parts(line: Timeline) -> tuple:
 
 
 def _scratch(line: Timeline) -> np.ndarray:
-    return np.empty(int(np.diff(line.node).max()))
+    return np.empty(line.longest)
 
 
 def drawn_j(line: Timeline, start_s: np.ndarray, override: np.ndarray) -> np.ndarray:
