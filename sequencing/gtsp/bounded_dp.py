@@ -17,10 +17,10 @@ from sequencing.gtsp.relaxation import Relaxation
 from sequencing.gtsp.rooted import Rooted, rooted_problems
 from sequencing.gtsp.state_search import BYTES_A_STATE, search_states
 
-FIRST_STATES = 200_000
 LARGEST_SETS = 63  # clusters in one 64-bit mask
-ROUNDS = 40
-NG_STEPS, LATER_STEPS = 60, 15
+FIRST_STEPS, NG_STEPS, LATER_STEPS = (8, 16), 40, 15
+FIRST_STATES = 100_000  # in one layer of the first search
+STATES_A_ROW = 20  # later: a search that costs about as much as the next relaxation
 LARGEST_LAYER = 8_000_000  # states; some minutes at most
 
 
@@ -36,14 +36,18 @@ def bounded_dp(
     upper is the cost of a known tour (inf: none); a tour counts as cheaper only by more than
     `tolerance`. states: most states in one layer (0: relaxations only, None: what
     `memory_bytes` allows). The lower bound is proven; it is ≥ min(upper, answer) − tolerance
-    where the search was complete.
+    where the search was complete. Where one rooted problem stays open, the others are only
+    bounded, and only as far as that matters.
     """
-    most = min(LARGEST_LAYER, memory_bytes // BYTES_A_STATE) if states is None else states
+    most = min(LARGEST_LAYER, memory_bytes // (2 * BYTES_A_STATE)) if states is None else states
     best: np.ndarray | None = None
     bound = math.inf
     multipliers: np.ndarray | None = None
     for rooted in rooted_problems(form):
-        nodes, low, multipliers = _solve_rooted(rooted, upper - tolerance, most, multipliers)
+        enough = bound if bound < upper - tolerance else math.inf
+        nodes, low, multipliers = _solve_rooted(
+            rooted, upper - tolerance, most if enough == math.inf else 0, enough, multipliers
+        )
         if nodes is not None:
             full = np.concatenate([[rooted.root], rooted.node[nodes]])
             cost = math.fsum(form.cost[full, np.roll(full, -1)])
@@ -54,35 +58,34 @@ def bounded_dp(
 
 
 def _solve_rooted(
-    rooted: Rooted, cut: float, most: int, multipliers: np.ndarray | None
+    rooted: Rooted, cut: float, most: int, enough: float, multipliers: np.ndarray | None
 ) -> tuple[np.ndarray | None, float, np.ndarray]:
-    """(better nodes or None, proven bound, multipliers) of one rooted problem."""
+    """(better nodes or None, proven bound, multipliers) of one rooted problem.
+
+    Without states (`most` 0) it ends at a bound of `enough`.
+    """
     relaxation = Relaxation(rooted, cut, multipliers)
     relaxation.walk_phase()
-    limit = FIRST_STATES
-    first = True
-    for _ in range(ROUNDS):
+    for steps in FIRST_STEPS:  # the first few, with all arcs, are the dearest
+        relaxation.ng_phase(steps)
+    steps = NG_STEPS
+    while not relaxation.closed and not (most == 0 and relaxation.bound >= enough):
+        relaxation.ng_phase(steps)
+        steps = LATER_STEPS
         if relaxation.closed:
-            return None, cut, relaxation.lam
-        relaxation.ng_phase(NG_STEPS if first else LATER_STEPS)
-        first = False
-        if relaxation.closed:
-            return None, cut, relaxation.lam
-        if most == 0 or relaxation.m > LARGEST_SETS:
-            if most == 0 or not relaxation.enlarge_memory():
-                break
-            continue
-        grown = relaxation.enlarge_memory()
-        finished, nodes, _ = search_states(relaxation, min(limit, most) if grown else most)
-        if finished:
-            if nodes is None:
-                return None, cut, relaxation.lam
-            total = _rooted_cost(rooted, nodes)
-            return nodes, total, relaxation.lam
-        if not grown or limit >= most:
             break
-        limit *= 3
-    return None, min(relaxation.bound, cut), relaxation.lam
+        rows = relaxation.rows_a_position
+        grown = relaxation.enlarge_memory()
+        if most and relaxation.m <= LARGEST_SETS:
+            limit = min(most, max(FIRST_STATES, STATES_A_ROW * rows)) if grown else most
+            finished, nodes, _ = search_states(relaxation, limit)
+            if finished and nodes is None:
+                return None, cut, relaxation.lam
+            if finished and nodes is not None:
+                return nodes, _rooted_cost(rooted, nodes), relaxation.lam
+        if not grown:
+            break
+    return None, cut if relaxation.closed else min(relaxation.bound, cut), relaxation.lam
 
 
 def _rooted_cost(rooted: Rooted, nodes: np.ndarray) -> float:

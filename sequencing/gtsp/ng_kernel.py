@@ -5,8 +5,9 @@ Every cluster g has a neighbourhood N_g of clusters it can remember (Baldacci, M
 to the memory (P ∪ {g}) ∩ N_g'. A tour is such a walk, so its minimum is a lower bound, and the
 least cost-to-go from (k, v, S ∩ N) bounds every completion of a partial tour through the set S.
 
-States of one position are stored as one row: cluster g begins at offset[g], memory P of g at
-offset[g] + P · size_g, then its nodes.
+States of one position are stored as one row of T numbers: cluster g begins at offset[g], memory P
+of g at offset[g] + P · size_g, then its nodes; n numbers +inf follow, where refused steps point.
+Only the arcs that are left are run through: those out of u are link[u] … link[u+1]−1.
 """
 
 from __future__ import annotations
@@ -17,17 +18,18 @@ from sequencing.gtsp.jit import jit
 
 
 @jit
-def memory_steps(members, bits, needs, steps):  # type: ignore[no-untyped-def]
-    """steps[h, g, P]: the memory on arrival in g from h with memory P, −1 where g is remembered.
+def memory_rows(members, bits, needs, ptr, offset, total, rows):  # type: ignore[no-untyped-def]
+    """rows[h, P, g]: where node 0 would stand in the row on arrival in g from h with memory P.
 
+    A node v of g then stands at rows[h, P, g] + v; refused steps get `total`, the first +inf.
     members (m, B) clusters of N_g by bit, bits (m,) their number, needs (m,) masks of clusters
     that must come before. A cluster that must come after g is treated as visited too late: going
     from h to g with g before h is refused.
     """
     m = len(bits)
     for h in range(m):
-        for g in range(m):
-            for memory in range(1 << bits[h]):
+        for memory in range(1 << bits[h]):
+            for g in range(m):
                 refused = g == h or (needs[h] >> g) & 1 == 1
                 arrival = 0
                 for i in range(bits[g]):
@@ -38,20 +40,22 @@ def memory_steps(members, bits, needs, steps):  # type: ignore[no-untyped-def]
                         known = members[h, b]
                         if known == g or (needs[known] >> g) & 1 == 1:
                             refused = True
+                            break
                         for i in range(bits[g]):
                             if members[g, i] == known:
                                 arrival |= 1 << i
-                steps[h, g, memory] = -1 if refused else arrival
+                here = offset[g] + arrival * (ptr[g + 1] - ptr[g]) - ptr[g]
+                rows[h, memory, g] = total if refused else here
 
 
 @jit
 def ng_backward(  # type: ignore[no-untyped-def]
-    turned, back, ptr, early, late, bits, offset, steps, forward, cut, out
+    link, to, group, price, back, ptr, early, late, bits, offset, rows, forward, cut, out
 ):
-    """out (m+1, T): least cost-to-go of every state; states that cannot beat `cut` are +inf.
+    """out (m+1, T + n): least cost-to-go of every state; states that cannot beat `cut` are +inf.
 
-    turned (n, n) transposed cost with multipliers; back (n,) to the root; forward (m+1, n) the
-    walk bound of what came before. Returns nothing; the bound is `ng_first`.
+    link (n+1,), to, group (A,) arcs with their end and its cluster; price (A,) costs with
+    multipliers; back (n,) to the root; forward (m+1, n) the walk bound of what came before.
     """
     m = len(ptr) - 1
     out[m] = np.inf
@@ -65,46 +69,35 @@ def ng_backward(  # type: ignore[no-untyped-def]
                 if forward[m, ptr[g] + v] + back[ptr[g] + v] < cut:
                     out[m, row + v] = back[ptr[g] + v]
     for k in range(m - 1, 0, -1):
-        out[k] = np.inf
+        here = out[k]
+        there = out[k + 1]
+        here[:] = np.inf
         for h in range(m):
             if not early[h] <= k <= late[h]:
                 continue
-            alive = False
-            for u in range(ptr[h], ptr[h + 1]):
-                alive |= forward[k, u] < cut
-            if not alive:
-                continue
             size = ptr[h + 1] - ptr[h]
-            first = ptr[h]
             for memory in range(1 << bits[h]):
                 count = 0
                 for b in range(bits[h]):
                     count += (memory >> b) & 1
                 if count > k - 1:
                     continue
-                row = offset[h] + memory * size
-                here = out[k, row : row + size]
-                for g in range(m):
-                    arrival = steps[h, g, memory]
-                    if arrival < 0 or not early[g] <= k + 1 <= late[g]:
+                row = offset[h] + memory * size - ptr[h]
+                base = rows[h, memory]
+                for u in range(ptr[h], ptr[h + 1]):
+                    come = forward[k, u]
+                    if not come < cut:
                         continue
-                    width = ptr[g + 1] - ptr[g]
-                    there = offset[g] + arrival * width
-                    for v in range(width):
-                        rest = out[k + 1, there + v]
-                        if rest == np.inf:
-                            continue
-                        source = turned[ptr[g] + v, first : first + size]
-                        for u in range(size):
-                            value = rest + source[u]
-                            here[u] = value if value < here[u] else here[u]
-                for u in range(size):
-                    if not forward[k, first + u] + here[u] < cut:
-                        here[u] = np.inf
+                    best = np.inf
+                    for a in range(link[u], link[u + 1]):
+                        value = price[a] + there[base[group[a]] + to[a]]
+                        best = value if value < best else best
+                    if come + best < cut:
+                        here[row + u] = best
 
 
 @jit
-def ng_trace(cost, leave, ptr, offset, steps, togo, path):  # type: ignore[no-untyped-def]
+def ng_trace(link, to, group, price, leave, ptr, bits, offset, rows, togo, path):  # type: ignore[no-untyped-def]
     """Cost of the best ng-route, and its clusters in path (m,), from `ng_backward`'s table."""
     m = len(ptr) - 1
     best = np.inf
@@ -121,33 +114,31 @@ def ng_trace(cost, leave, ptr, offset, steps, togo, path):  # type: ignore[no-un
         path[k - 1] = of
         if k == m:
             break
+        base = rows[of, memory]
         least = np.inf
-        next_at, next_of, next_memory = -1, -1, 0
-        for g in range(m):
-            arrival = steps[of, g, memory]
-            if arrival < 0:
-                continue
-            there = offset[g] + arrival * (ptr[g + 1] - ptr[g]) - ptr[g]
-            for v in range(ptr[g], ptr[g + 1]):
-                value = cost[at, v] + togo[k + 1, there + v]
-                if value < least:
-                    least, next_at, next_of, next_memory = value, v, g, arrival
-        at, of, memory = next_at, next_of, next_memory
+        next_at, next_of, place = -1, -1, 0
+        for a in range(link[at], link[at + 1]):
+            spot = base[group[a]] + to[a]
+            value = price[a] + togo[k + 1, spot]
+            if value < least:
+                least, next_at, next_of, place = value, to[a], group[a], spot
+        at, of = next_at, next_of
+        memory = (place - offset[of]) // (ptr[of + 1] - ptr[of])
     return best
 
 
 @jit
 def ng_arcs(  # type: ignore[no-untyped-def]
-    cost, leave, ptr, early, late, bits, offset, steps, togo, cut, arc, first
+    link, to, group, price, leave, ptr, bits, offset, rows, togo, cut, through, first
 ):
-    """Least cost of an ng-route through each arc: arc (n, n), first (n,) as the first visit.
+    """Least cost of an ng-route through each arc: through (A,), first (n,) as the first visit.
 
     An arc whose value is not below `cut` is in no tour that beats it. Runs forward over the
     states that `ng_backward` left alive.
     """
     m = len(ptr) - 1
     total = togo.shape[1]
-    arc[:] = np.inf
+    through[:] = np.inf
     first[:] = np.inf
     here = np.full(total, np.inf)
     there = np.full(total, np.inf)
@@ -159,28 +150,21 @@ def ng_arcs(  # type: ignore[no-untyped-def]
                 first[v] = leave[v] + togo[1, row + v]
     for k in range(1, m):
         there[:] = np.inf
+        rest = togo[k + 1]
         for h in range(m):
             size = ptr[h + 1] - ptr[h]
             for memory in range(1 << bits[h]):
-                row = offset[h] + memory * size
-                for u in range(size):
+                row = offset[h] + memory * size - ptr[h]
+                base = rows[h, memory]
+                for u in range(ptr[h], ptr[h + 1]):
                     length = here[row + u]
                     if length == np.inf:
                         continue
-                    source = cost[ptr[h] + u]
-                    through = arc[ptr[h] + u]
-                    for g in range(m):
-                        arrival = steps[h, g, memory]
-                        if arrival < 0 or not early[g] <= k + 1 <= late[g]:
-                            continue
-                        width = ptr[g + 1] - ptr[g]
-                        target = offset[g] + arrival * width
-                        for v in range(width):
-                            value = length + source[ptr[g] + v]
-                            whole = value + togo[k + 1, target + v]
-                            if whole < cut:
-                                if whole < through[ptr[g] + v]:
-                                    through[ptr[g] + v] = whole
-                                if value < there[target + v]:
-                                    there[target + v] = value
+                    for a in range(link[u], link[u + 1]):
+                        spot = base[group[a]] + to[a]
+                        value = length + price[a]
+                        whole = value + rest[spot]
+                        if whole < cut:
+                            through[a] = whole if whole < through[a] else through[a]
+                            there[spot] = value if value < there[spot] else there[spot]
         here, there = there, here

@@ -15,8 +15,9 @@ from sequencing.gtsp.rooted import Rooted
 WALK_STEPS = 60
 NG_STEPS = 60
 FIRST_MEMORY = 3
-LARGEST_MEMORY = 12
+LARGEST_MEMORY = 11
 LARGEST_TABLE = 24_000_000  # states × positions of the ng table (8 bytes each)
+LARGEST_WORK = 300_000_000  # arcs run through in one evaluation: some half a second
 
 
 class Relaxation:
@@ -43,8 +44,8 @@ class Relaxation:
         self.late = np.array([self.m - f for f in followers], dtype=np.int64)
         self.route = np.zeros(self.m, dtype=np.int64)
         self.phases = 0
-        self.memory = self._nearest_memory(FIRST_MEMORY)
         self._index()
+        self.memory = self._nearest_memory(FIRST_MEMORY)
 
     @property
     def closed(self) -> bool:
@@ -52,7 +53,7 @@ class Relaxation:
         return self.bound >= self.cut
 
     def walk_phase(self, steps: int = WALK_STEPS) -> None:
-        """Subgradient steps on the walk relaxation, then node removal."""
+        """Subgradient steps on the walk relaxation, then arc and node removal."""
         from sequencing.gtsp.walk_kernel import walk_trace
 
         visits = np.zeros(self.m, dtype=np.int64)
@@ -77,8 +78,11 @@ class Relaxation:
         top = [-math.inf]
 
         def evaluate(lam: np.ndarray) -> tuple[float, np.ndarray]:
-            cost, leave = self._backward(lam)
-            value = ng_trace(cost, leave, self.ptr, self.offset, self.steps, self.togo, path)
+            price, leave = self._backward(lam)
+            value = ng_trace(
+                self.link, self.to, self.group, price, leave, self.ptr, self.bits, self.offset,
+                self.rows, self.togo, path,
+            )  # fmt: skip
             if value == math.inf:
                 return math.inf, np.ones(self.m, dtype=np.int64)
             visits = np.bincount(path, minlength=self.m)
@@ -92,30 +96,24 @@ class Relaxation:
             self._drop_by_ng()
 
     def enlarge_memory(self) -> bool:
-        """Let clusters remember those the best route came back to; False if nothing grew."""
-        grown = False
-        cap = min(FIRST_MEMORY + 1 + self.phases, LARGEST_MEMORY)
+        """Let clusters remember more of the others; False if the table is as large as it may be.
+
+        First those the best route came back to, then those with the cheapest way there and back.
+        """
+        size = min(FIRST_MEMORY - 2 + self.phases, LARGEST_MEMORY, self.m - 1)
+        before = [list(known) for known in self.memory]
         last: dict[int, int] = {}
-        loops = []
         for k, cluster in enumerate(self.route):
-            if int(cluster) in last:
-                loops.append((k - last[int(cluster)], last[int(cluster)], k))
-            last[int(cluster)] = k
-        for _, begin, end in sorted(loops):
-            g = int(self.route[begin])
-            inner = [int(h) for h in self.route[begin + 1 : end] if h != g]
-            if any(len(self.memory[h]) >= cap for h in inner if g not in self.memory[h]):
-                continue
-            for h in inner:
-                if g not in self.memory[h]:
+            g = int(cluster)
+            for h in map(int, self.route[last.get(g, k) + 1 : k]):
+                if h != g and g not in self.memory[h] and len(self.memory[h]) < size:
                     self.memory[h].append(g)
-                    grown = True
-            if self._table_size() > LARGEST_TABLE:
-                for h in inner:
-                    if self.memory[h][-1] == g:
-                        self.memory[h].pop()
-                return False
-        return grown
+            last[g] = k
+        for known, more in zip(self.memory, self._nearest_memory(self.m - 1)):
+            known += [h for h in more if h not in known][: max(0, size - len(known))]
+        if self.rows_a_position * (self.m + 1) > LARGEST_TABLE or self._work() > LARGEST_WORK:
+            self.memory = before
+        return self.memory != before
 
     def completion(self) -> tuple[np.ndarray, np.ndarray]:
         """Costs with the best multipliers, and the cost-to-go table of all states."""
@@ -127,19 +125,21 @@ class Relaxation:
         return self.cut - float(self.lam.sum())
 
     def _index(self) -> None:
+        """Cluster of each node, and the arcs that are left, by the node they leave."""
         self.cluster = np.repeat(np.arange(self.m), np.diff(self.ptr))
-        self.turned = np.ascontiguousarray(self.cost.T)
+        leaves, self.to = np.nonzero(np.isfinite(self.cost))
+        self.link = np.searchsorted(leaves, np.arange(len(self.node) + 1))
+        self.group = self.cluster[self.to]
+        self.length = self.cost[leaves, self.to]
 
     def _nearest_memory(self, count: int) -> list[list[int]]:
-        near = np.full((self.m, self.m), np.inf)
-        for g in range(self.m):
-            for h in range(self.m):
-                if g != h:
-                    block = self.cost[self.ptr[g] : self.ptr[g + 1], self.ptr[h] : self.ptr[h + 1]]
-                    near[g, h] = block.min()
-        near = np.minimum(near, near.T)
-        order = np.argsort(near, axis=1, kind="stable")
-        return [[int(h) for h in order[g][: min(count, self.m - 1)]] for g in range(self.m)]
+        """For each cluster those with the least cost of going there and back, at most `count`."""
+        pay = self.lam[self.cluster] / 2
+        reduced = self.cost - pay[:, None] - pay[None, :]
+        way = np.minimum.reduceat(reduced, self.ptr[:-1], axis=1)
+        way = np.minimum.reduceat(way, self.ptr[:-1], axis=0)
+        order = np.argsort(way + way.T, axis=1, kind="stable")
+        return [[int(h) for h in row if h != g][:count] for g, row in enumerate(order)]
 
     def _forward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         from sequencing.gtsp.walk_kernel import walk_forward
@@ -152,33 +152,41 @@ class Relaxation:
         return cost, leave, forward
 
     def _backward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Arc costs and first costs with multipliers; fills the cost-to-go table."""
         from sequencing.gtsp.ng_kernel import ng_backward
 
-        cost, leave, forward = self._forward(lam)
-        turned = np.ascontiguousarray(cost.T)
+        _, leave, forward = self._forward(lam)
+        price = self.length - lam[self.group]
         ng_backward(
-            turned, self.back, self.ptr, self.early, self.late, self.bits, self.offset,
-            self.steps, forward, self.cut - lam.sum(), self.togo,
+            self.link, self.to, self.group, price, self.back, self.ptr, self.early, self.late,
+            self.bits, self.offset, self.rows, forward, self.cut - lam.sum(), self.togo,
         )  # fmt: skip
-        return cost, leave
+        return price, leave
 
-    def _table_size(self) -> int:
-        sizes = np.diff(self.ptr)
-        return int(sum(int(s) << len(n) for s, n in zip(sizes, self.memory))) * (self.m + 1)
+    def _work(self) -> int:
+        """Arcs that one evaluation of the ng relaxation runs through."""
+        known = np.array([len(n) for n in self.memory])
+        return int((np.diff(self.link) << known[self.cluster]).sum()) * self.m
+
+    @property
+    def rows_a_position(self) -> int:
+        """States (node, memory) of the ng relaxation at one position."""
+        return int(sum(int(s) << len(n) for s, n in zip(np.diff(self.ptr), self.memory)))
 
     def _memory_tables(self) -> None:
-        from sequencing.gtsp.ng_kernel import memory_steps
+        from sequencing.gtsp.ng_kernel import memory_rows
 
         widest = max((len(n) for n in self.memory), default=0)
         self.bits = np.array([len(n) for n in self.memory], dtype=np.int64)
         self.members = np.zeros((self.m, max(widest, 1)), dtype=np.int64)
         for g, known in enumerate(self.memory):
             self.members[g, : len(known)] = known
-        rows = np.diff(self.ptr) << self.bits
-        self.offset = np.concatenate([[0], np.cumsum(rows)[:-1]]).astype(np.int64)
-        self.steps = np.full((self.m, self.m, 1 << widest), -1, dtype=np.int64)
-        memory_steps(self.members, self.bits, self.needs, self.steps)
-        self.togo = np.empty((self.m + 1, int(rows.sum())))
+        counts = np.diff(self.ptr) << self.bits
+        self.offset = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
+        total = int(counts.sum())
+        self.rows = np.empty((self.m, 1 << widest, self.m), dtype=np.int32)
+        memory_rows(self.members, self.bits, self.needs, self.ptr, self.offset, total, self.rows)
+        self.togo = np.full((self.m + 1, total + len(self.node)), np.inf)
 
     def _ascend(self, evaluate, steps: int) -> None:  # type: ignore[no-untyped-def]
         """Polyak steps from the best multipliers; keeps the best bound and its multipliers."""
@@ -224,22 +232,29 @@ class Relaxation:
         rest = np.empty_like(forward)
         turned = np.ascontiguousarray(cost.T)
         walk_backward(turned, self.back, self.ptr, self.early, self.late, rest)
-        least = (forward + rest)[1:].min(axis=0)
-        self._keep(least < self.limit)
+        least = np.full_like(cost, np.inf)
+        for come, go in zip(forward[1:-1], rest[2:]):
+            np.minimum(least, come[:, None] + go[None, :], out=least)
+        self.cost[~(least + cost < self.limit)] = np.inf
+        self.leave[~(self.leave - self.lam[self.cluster] + rest[1] < self.limit)] = np.inf
+        self._keep((forward + rest)[1:].min(axis=0) < self.limit)
 
     def _drop_by_ng(self) -> None:
         from sequencing.gtsp.ng_kernel import ng_arcs
 
-        cost, leave = self._backward(self.lam)
-        arc = np.empty_like(cost)
+        price, leave = self._backward(self.lam)
+        through = np.empty_like(price)
         first = np.empty_like(leave)
         ng_arcs(
-            cost, leave, self.ptr, self.early, self.late, self.bits, self.offset, self.steps,
-            self.togo, self.limit, arc, first,
+            self.link, self.to, self.group, price, leave, self.ptr, self.bits, self.offset,
+            self.rows, self.togo, self.limit, through, first,
         )  # fmt: skip
-        self.cost[~(arc < self.limit)] = np.inf
+        dead = ~(through < self.limit)
+        leaves = np.repeat(np.arange(len(self.node)), np.diff(self.link))
+        self.cost[leaves[dead], self.to[dead]] = np.inf
         self.leave[~(first < self.limit)] = np.inf
-        used = (arc < self.limit).any(axis=0) | (first < self.limit)
+        used = first < self.limit
+        used[self.to[~dead]] = True
         self._keep(used)
 
     def _keep(self, keep: np.ndarray) -> None:

@@ -13,17 +13,16 @@ from sequencing.gtsp.jit import jit
 
 @jit
 def expand(  # type: ignore[no-untyped-def]
-    cost, ptr, cluster, needs, members, bits, offset, steps, togo, cut,
+    link, to, group, price, cluster, needs, members, bits, rows, togo, cut,
     mask, node, length, count, slot, out_mask, out_node, out_length, out_parent,
 ):  # fmt: skip
     """States of the next layer from `count` states; returns their number, −1 if there is no room.
 
-    cost (n, n) with multipliers; togo (T,) cost-to-go at the next position; slot (2^p,) int32
-    work space, at least twice as long as the outputs.
+    Arcs, rows and the cost-to-go at the next position (T + n,) as in `ng_backward`; slot (2^p,)
+    int32 work space, at least twice as long as the outputs.
     """
-    m = len(ptr) - 1
-    size = len(slot)
-    wrap = np.uint64(size - 1)
+    wrap = np.uint64(len(slot) - 1)
+    one = np.uint64(1)
     slot[:] = -1
     found = 0
     room = len(out_mask)
@@ -33,43 +32,40 @@ def expand(  # type: ignore[no-untyped-def]
         h = cluster[u]
         memory = 0
         for b in range(bits[h]):
-            if (visited >> np.uint64(members[h, b])) & np.uint64(1):
+            if (visited >> np.uint64(members[h, b])) & one:
                 memory |= 1 << b
-        base = length[s]
-        row = cost[u]
-        for g in range(m):
-            bit = np.uint64(1) << np.uint64(g)
+        base = rows[h, memory]
+        come = length[s]
+        for a in range(link[u], link[u + 1]):
+            g = group[a]
+            v = to[a]
+            value = come + price[a]
+            if not value + togo[base[g] + v] < cut:
+                continue
+            bit = one << np.uint64(g)
             if visited & bit or (needs[g] & ~visited) != 0:
                 continue
-            arrival = steps[h, g, memory]
-            if arrival < 0:
-                continue
-            target = offset[g] + arrival * (ptr[g + 1] - ptr[g]) - ptr[g]
             union = visited | bit
-            for v in range(ptr[g], ptr[g + 1]):
-                value = base + row[v]
-                if not value + togo[target + v] < cut:
-                    continue
-                key = (union ^ (np.uint64(v + 1) * np.uint64(0x9E3779B97F4A7C15))) * np.uint64(
-                    0xBF58476D1CE4E5B9
-                )
-                at = (key ^ (key >> np.uint64(29))) & wrap
-                while True:
-                    k = slot[at]
-                    if k < 0:
-                        if found >= room:
-                            return -1
-                        slot[at] = found
-                        out_mask[found] = union
-                        out_node[found] = v
-                        out_length[found] = value
-                        out_parent[found] = s
-                        found += 1
-                        break
-                    if out_mask[k] == union and out_node[k] == v:
-                        if value < out_length[k]:
-                            out_length[k] = value
-                            out_parent[k] = s
-                        break
-                    at = (at + np.uint64(1)) & wrap
+            key = (union ^ (np.uint64(v + 1) * np.uint64(0x9E3779B97F4A7C15))) * np.uint64(
+                0xBF58476D1CE4E5B9
+            )
+            at = (key ^ (key >> np.uint64(29))) & wrap
+            while True:
+                k = slot[at]
+                if k < 0:
+                    if found >= room:
+                        return -1
+                    slot[at] = found
+                    out_mask[found] = union
+                    out_node[found] = v
+                    out_length[found] = value
+                    out_parent[found] = s
+                    found += 1
+                    break
+                if out_mask[k] == union and out_node[k] == v:
+                    if value < out_length[k]:
+                        out_length[k] = value
+                        out_parent[k] = s
+                    break
+                at = (at + one) & wrap
     return found

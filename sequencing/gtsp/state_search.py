@@ -19,7 +19,7 @@ def search_states(relaxation: Relaxation, limit: int) -> tuple[bool, np.ndarray 
 
     r = relaxation
     r._memory_tables()
-    cost, leave = r.completion()
+    price, leave = r.completion()
     firsts = leave + r.togo[1][r.offset[r.cluster] + np.arange(len(r.node)) - r.ptr[r.cluster]]
     start = np.flatnonzero((firsts < r.limit) & (r.needs[r.cluster] == 0))
     mask = np.uint64(1) << r.cluster[start].astype(np.uint64)
@@ -38,7 +38,7 @@ def search_states(relaxation: Relaxation, limit: int) -> tuple[bool, np.ndarray 
             out_length = np.empty(room)
             out_parent = np.empty(room, dtype=np.int32)
             count = expand(
-                cost, r.ptr, r.cluster, needs, r.members, r.bits, r.offset, r.steps,
+                r.link, r.to, r.group, price, r.cluster, needs, r.members, r.bits, r.rows,
                 r.togo[k + 1], r.limit, mask, node, length, len(node), slots, out_mask, out_node,
                 out_length, out_parent,
             )  # fmt: skip
