@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from sequencing.commands.console import Console, Outcome, plain, save_json
+from sequencing.commands.console import Console, Outcome, save_json
 from sequencing.measured import measured_against_plan
+from sequencing.report.measured_tables import measured_markdown
 
 __all__ = ["run_measured"]
 
@@ -14,7 +14,6 @@ __all__ = ["run_measured"]
 def run_measured(console: Console, log: Path, run: Path, out: Path | None) -> Outcome:
     """Time, position, current and energy of a log against the run that was exported."""
     data = measured_against_plan(log, run)
-    for key, value in data.items():
-        console.show(f"{key}: {json.dumps(plain(value))}")
+    console.show(measured_markdown(data))
     save_json(out, "measured.json", data)
     return Outcome(data)

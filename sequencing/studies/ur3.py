@@ -56,7 +56,7 @@ def run_ur3_study(
 ) -> dict[str, Any]:
     """Run the study and return its figures; with `out` also write them there.
 
-    `ur3.json` holds everything but times, which are in `timing.json`; `out/A` … `out/D` are run
+    `study.json` holds everything but times, which are in `timing.json`; `out/A` … `out/D` are run
     folders with the best motion in the paper's metric and its exports. `reduced` takes fewer
     seeds, pairs and iterations, to see that everything runs.
     """
@@ -105,7 +105,7 @@ def run_ur3_study(
             result["exports"].append({"move": move.name, **report})
     result["goals"] = _goals(result, cpu)
     if out is not None:
-        write_atomic(out / "ur3.json", json_text(result))
+        write_atomic(out / "study.json", json_text(result))
         write_atomic(out / "timing.json", json_text({"cpu_s": cpu}))
     return {**result, "cpu_s": cpu}
 

@@ -13,6 +13,7 @@ from dmoc.trajectory import JointTrajectory
 from sequencing.export.exporting import export_run
 from sequencing.measured import measured_against_plan
 from sequencing.measured_log import read_controller_log
+from sequencing.report.measured_tables import measured_markdown
 from sequencing.studies.ur3_export import write_single_run
 
 DATA = Path(os.environ.get("DMOC_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -118,3 +119,18 @@ def test_real_recording_against_a_plan_made_of_its_targets(tmp_path: Path) -> No
     assert energy["planned_with_base_j"] == pytest.approx(energy["logged_dc_j"], rel=0.05)
     # The paper's metric is not energy: both readings are far from the DC side's joules above base.
     assert energy["logged_iv_absolute_j"] > 1.8 * (energy["logged_dc_j"] - 36 * record.duration_s)
+
+
+def test_tables_for_a_person_doubt_a_log_of_another_motion(run_dir: Path, tmp_path: Path) -> None:
+    text = measured_markdown(measured_against_plan(run_dir / "move.rtde.csv", run_dir))
+    assert "warning" not in text
+    assert "| 6 |" in text
+    lines = (run_dir / "move.rtde.csv").read_text().splitlines()
+    header, *rows = (line for line in lines if not line.startswith("#"))
+    column = header.split(",").index("target_q_1")
+    cells = [row.split(",") for row in rows]
+    for cell in cells:
+        cell[column] = str(float(cell[column]) + 1.0)
+    path = tmp_path / "other.csv"
+    path.write_text("\n".join([header, *(",".join(cell) for cell in cells)]))
+    assert "is this the log of this run?" in measured_markdown(measured_against_plan(path, run_dir))

@@ -10,6 +10,7 @@ import pytest
 from dmoc.bezier_descent import DescentParams
 from dmoc.errors import ProblemError
 from dmoc.robot import load_robot
+from sequencing.report.ur3_tables import ur3_markdown
 from sequencing.run_files import read_run
 from sequencing.studies.ur3 import run_ur3_study
 from sequencing.studies.ur3_case import Setting, judge, saving, solve_case, viscous_floor_j
@@ -134,13 +135,15 @@ def test_a_post_in_the_way_is_avoided() -> None:
 def test_reduced_study_writes_runs_and_repeats(tmp_path: Path) -> None:
     result = run_ur3_study(0, tmp_path / "a", reduced=True)
     run_ur3_study(0, tmp_path / "b", reduced=True)
-    first, second = ((tmp_path / x / "ur3.json").read_bytes() for x in "ab")
+    first, second = ((tmp_path / x / "study.json").read_bytes() for x in "ab")
     assert first == second
     assert json.loads(first)["goals"]["limits_and_collisions_respected"]
     assert "cpu_s" not in json.loads(first)
     assert "gradient_to_swarm_ratio" in result["cpu_s"]
     for kind in CLASSES:
         assert read_run(tmp_path / "a" / kind, ROBOT).motions[0].motion.certified
+    text = ur3_markdown(result)
+    assert all(f"| {kind} |" in text for kind in CLASSES)
     for row in result["exports"]:
         fast, slow = row["servoj"]
         assert fast["deviation_rad"] < 2e-4 < slow["deviation_rad"] < 0.03
