@@ -165,6 +165,9 @@ def schedule(
 def study(
     name: Annotated[str, typer.Argument(help="stud-welding, pallet-cell or ur3.")],
     station: Annotated[str, typer.Option(help="Station of stud-welding: A, B or C.")] = "A",
+    reduced: Annotated[
+        bool, typer.Option("--reduced", help="Stud-welding: four studs, in seconds.")
+    ] = False,
     seed: Seed = 0,
     out: Out = None,
     workers: Workers = 0,
@@ -173,7 +176,7 @@ def study(
     """Run a published study and print its figures beside the paper's."""
     from sequencing.commands.study import run_study
 
-    _finish(json, lambda console: run_study(console, name, station, seed, out, workers))
+    _finish(json, lambda console: run_study(console, name, station, seed, out, workers, reduced))
 
 
 @app.command()

@@ -41,7 +41,7 @@ LAYOUTS = (
     Layout("stud_welding_a", 0.30, (0.0, 0.0, 0.0), "Short gun, part at z = 0.80 m."),
     Layout("stud_welding_b", 0.90, (0.10, 0.0, -0.25), "Long gun, part shifted."),
     Layout("stud_welding_c", 0.90, (0.10, 0.0, -0.25),
-           "Station B with jittered studs: picked because it gives the published saving."),
+           "Station B, studs jittered; picked: without obstacles it gave the published saving."),
 )  # fmt: skip
 
 

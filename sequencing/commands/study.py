@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import json
+import time
 from pathlib import Path
-from typing import Any
 
 from dmoc.errors import Fault, InputError
-from sequencing.commands.console import Console, Outcome, plain
-from sequencing.report.tables import markdown_table, number
+from sequencing.commands.console import Console, Outcome, save_json
+from sequencing.commands.plan import headline
+from sequencing.commands.workers import worker_pool
+from sequencing.report.curves import write_curves
+from sequencing.report.html import write_report
+from sequencing.report.scene import write_scene
+from sequencing.run_files import read_run, write_run
 
 __all__ = ["run_study"]
 
@@ -17,38 +21,74 @@ STATIONS = {"A": "stud_welding_a", "B": "stud_welding_b", "C": "stud_welding_c"}
 
 
 def run_study(
-    console: Console, name: str, station: str, seed: int, out: Path | None, workers: int
-) -> Outcome:
-    """Run the study `name`; `station` is A, B or C and matters to stud-welding only."""
+    console: Console, name: str, station: str, seed: int, out: Path | None, workers: int,
+    reduced: bool = False,
+) -> Outcome:  # fmt: skip
+    """Run the study `name`; `station` (A, B or C) matters to stud-welding only."""
     if name not in STUDIES:
         raise InputError(
             Fault("study-unknown", field="study", value=name, legal=", ".join(STUDIES),
                   fix="name one of them")
         )  # fmt: skip
     if name == "stud-welding":
-        return _stud_welding(console, station, seed, out, workers)
+        return _stud_welding(console, station, seed, out, workers, reduced)
     folder = out or Path("runs") / name
-    data = _pallet_cell(console, seed) if name == "pallet-cell" else _ur3(console, seed, folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "study.json").write_text(json.dumps(plain(data.data), indent=1), encoding="utf-8")
+    if name == "ur3":
+        data = _ur3(console, seed, folder, reduced)
+    else:
+        data = _pallet_cell(console, seed)
+        save_json(folder, "study.json", data.data)
     console.show(f"written to {folder}")
     return data
 
 
 def _stud_welding(
-    console: Console, station: str, seed: int, out: Path | None, workers: int
+    console: Console, station: str, seed: int, out: Path | None, workers: int, reduced: bool
 ) -> Outcome:
-    from sequencing.commands.plan import run_plan
+    from sequencing.cycle import NoCycle
+    from sequencing.report.progress import plan_progress
+    from sequencing.report.stud_welding_page import study_entry, write_study
+    from sequencing.report.stud_welding_tables import stud_welding_markdown
+    from sequencing.store import EdgeStore
+    from sequencing.studies.stud_welding import run_stud_welding_study
 
     if station not in STATIONS:
         raise InputError(
             Fault("study-station", field="--station", value=station, legal=", ".join(STATIONS),
                   fix="name one of them")
         )  # fmt: skip
-    folder = out or Path("runs") / f"study-{STATIONS[station]}"
-    return run_plan(
-        console, STATIONS[station], seed, folder, workers, "halfspaces", None, 0.01
-    )  # fmt: skip
+    began = time.perf_counter()
+    folder = out or Path("runs") / f"study-{STATIONS[station]}{'-reduced' if reduced else ''}"
+    try:
+        with (
+            EdgeStore(folder / "edges.sqlite") as store,
+            worker_pool(workers) as executor,
+            plan_progress() as progress,
+        ):
+            run = run_stud_welding_study(
+                station, store, seed=seed, reduced=reduced, executor=executor, progress=progress
+            )
+    except NoCycle as none:
+        for key, reason in none.reasons.items():
+            console.say(f"no cycle: {key}: {reason}")
+        return Outcome({"status": "no_cycle", "reasons": none.reasons, "out": str(folder)}, 3)
+    for cycle, place in ((run.new, folder), (run.old, folder / "old")):
+        wall = time.perf_counter() - began
+        write_run(cycle, place, {"wall_s": wall})
+        robot = cycle.station.robot
+        found = read_run(place, robot)
+        write_curves(found.timeline, robot, place / "curves.png", cycle.station.name)
+        write_scene(cycle.station, found.timeline, place / "scene.html", cycle.station.name)
+        write_report(found, robot, place / "report.html")
+    write_study(run.study, folder)
+    console.show(stud_welding_markdown(run.study))
+    console.show(
+        f"written to {folder}: study.html, study.md, study.json, figures/, tables/, the run of the "
+        f"new sequence, and in {folder / 'old'} that of the old one"
+    )
+    wall = time.perf_counter() - began
+    data = {**headline(run.new, wall, folder), "study": study_entry(run.study)}
+    return Outcome(data, 0 if not run.new.unreachable else 3)
 
 
 def _pallet_cell(console: Console, seed: int) -> Outcome:
@@ -60,25 +100,12 @@ def _pallet_cell(console: Console, seed: int) -> Outcome:
     return Outcome(data)
 
 
-def _ur3(console: Console, seed: int, folder: Path) -> Outcome:
+def _ur3(console: Console, seed: int, folder: Path, reduced: bool) -> Outcome:
+    from sequencing.report.ur3_tables import ur3_markdown
     from sequencing.studies.ur3 import run_ur3_study
 
-    data = run_ur3_study(seed, folder, progress=console.say)
-    console.show(_ur3_table(data["movements"]))
+    data = run_ur3_study(seed, folder, reduced=reduced, progress=console.say)
+    text = ur3_markdown(data)
+    (folder / "study.md").write_text(text, encoding="utf-8")
+    console.show(text)
     return Outcome(data)
-
-
-def _ur3_table(movements: list[dict[str, Any]]) -> str:
-    rows = []
-    for move in movements:
-        for name, metric in move["metrics"].items():
-            rows.append(
-                [move["name"], name, number(metric["baseline_j"]),
-                 number(metric["swarm"]["median_saving_percent"]),
-                 number(metric["gradient"]["saving_percent"]),
-                 number(metric["physical_saving_with_base_percent"], 2),
-                 number(move["paper_saving_percent"])]
-            )  # fmt: skip
-    header = ("move", "metric", "baseline J", "swarm saving % (median)", "gradient saving %",
-              "physical saving with base %", "paper saving %")  # fmt: skip
-    return markdown_table(header, rows)
