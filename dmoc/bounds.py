@@ -8,6 +8,7 @@ import numpy as np
 
 from dmoc.arrays import Array, joint_vector
 from dmoc.cost import Cost
+from dmoc.curve_limits import Margins
 from dmoc.motion import MotionProblem
 from dmoc.nlp_types import Box
 from dmoc.programme import MotionProgramme
@@ -68,13 +69,16 @@ def fixed_knots(problem: MotionProblem) -> list[tuple[Any, Array]]:
 
 
 def row_bounds(
-    problem: MotionProblem, motion: MotionProgramme, lower_half: Array
+    problem: MotionProblem, motion: MotionProgramme, lower_half: Array, margins: Margins
 ) -> tuple[Array, Array]:
     """Bounds of all rows; the right-hand side of the momentum rows holds the end momenta."""
     size, limits = motion.programme.num_rows, problem.limits
     lower, upper = -np.ones(size), np.ones(size)
     momentum = motion.rows["momentum"]
     lower[momentum] = upper[momentum] = 0.0
+    for name in ("velocity", "acceleration"):
+        if name in motion.rows:
+            lower[motion.rows[name]], upper[motion.rows[name]] = getattr(margins, name)
     scale = 1.0 / (ROW_TIME_S * problem.robot.torque_limit_nm)
     ends = [(0, -1.0, problem.start_rad, problem.start_velocity_rad_s)]
     if not motion.layout.end_velocity:
@@ -86,11 +90,9 @@ def row_bounds(
     if "half_spaces" in motion.rows:
         place = motion.rows["half_spaces"]
         lower[place], upper[place] = lower_half, np.inf
-    if limits.free_goal_velocity:  # what follows the motion is unknown
-        for name, rows in (("acceleration", [-1]), ("jerk", [-2, -1])):
-            if name in motion.rows:
-                place = motion.rows[name][rows]
-                lower[place], upper[place] = -np.inf, np.inf
+    if limits.free_goal_velocity and "jerk" in motion.rows:  # what follows is unknown
+        place = motion.rows["jerk"][[-2, -1]]
+        lower[place], upper[place] = -np.inf, np.inf
     for i, constraint in enumerate(limits.path):
         place = motion.rows[f"path{i}"]
         lower[place], upper[place] = constraint.lower, constraint.upper
@@ -100,7 +102,9 @@ def row_bounds(
     return lower, upper
 
 
-def parameters(problem: MotionProblem, motion: MotionProgramme, half_spaces: Array) -> Array:
+def parameters(
+    problem: MotionProblem, motion: MotionProgramme, half_spaces: Array, margins: Margins
+) -> Array:
     """The parameter vector of the programme."""
     robot, limits = problem.robot, problem.limits
     n, u_max = robot.num_joints, robot.torque_limit_nm
@@ -109,9 +113,16 @@ def parameters(problem: MotionProblem, motion: MotionProgramme, half_spaces: Arr
         "scale": 1.0 / (ROW_TIME_S * u_max), "u_max": u_max, "weights": cost_weights(problem),
         "smoothing": problem.cost.torque_smoothing, "v_max": robot.velocity_limit_rad_s,
         "a_max": robot.acceleration_limit_rad_s2, "v_start": problem.start_velocity_rad_s,
-        "v_goal": problem.goal_velocity_rad_s, "v_goal_back": -problem.goal_velocity_rad_s,
+        "v_goal_back": -problem.goal_velocity_rad_s,
         "half_spaces": half_spaces, "wrench": problem.wrench,
     }  # fmt: skip
+    if margins.mobility is not None:
+        weights = margins.mobility * u_max  # columns belong to torques, rows to joints
+        by_acceleration = weights / (2 * robot.acceleration_limit_rad_s2[:, None])
+        by_velocity = weights / (4 * robot.velocity_limit_rad_s[:, None])
+        for name, value in (("acceleration", by_acceleration), ("velocity", by_velocity)):
+            columns = value.transpose(0, 2, 1)
+            values[f"{name}_weights"] = columns.reshape(len(columns), n * n)
     if limits.jerk_rad_s3 is not None:
         values["j_max"] = joint_vector(limits.jerk_rad_s3, "limits.jerk_rad_s3", n)
     if limits.rms_torque_nm is not None:

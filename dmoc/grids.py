@@ -6,6 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from dmoc.arrays import Array
+from dmoc.curve_limits import Lag
 from dmoc.motion import MotionProblem
 from dmoc.nlp import Multipliers
 from dmoc.nlp_types import Guess, NlpSolution
@@ -46,12 +47,29 @@ def prolonged(problem: MotionProblem, coarse: MotionProblem, solution: NlpSoluti
         if place.shape == values.shape:  # of the whole motion or its end, not of a knot
             rows[place] = values
             continue
-        if len(values) not in (few, few + 1):  # jerk has its own count
+        if len(values) not in (few - 1, few, few + 1):  # jerk has its own count
             continue
-        on_knots = len(values) == few + 1
-        values = _between(values, at, to) if on_knots else _between(values, at_middle, to_middle)
+        values = _at_places(values, few, many)
         rows[place] = values if name == "momentum" else share * values
-    return Guess(q, torque, step, Multipliers(bounds, rows, families))
+    lag = None
+    if given.lag is not None:  # of first order in the step
+        lag = Lag(
+            share * _at_places(given.lag.slope, few, many),
+            share * _at_places(given.lag.acceleration, few, many),
+            share * _at_places(given.lag.velocity, few, many),
+        )
+    return Guess(q, torque, step, Multipliers(bounds, rows, families, lag))
+
+
+def _at_places(values: Array, few: int, many: int) -> Array:
+    """Values at all knots, all intervals or the inner knots of N = `few`, on N = `many`."""
+    if len(values) == few:
+        at, to = (np.arange(n) / n + 0.5 / n for n in (few, many))
+        return _between(values, at, to)
+    at, to = np.linspace(0, 1, few + 1), np.linspace(0, 1, many + 1)
+    if len(values) == few - 1:
+        at, to = at[1:-1], to[1:-1]
+    return _between(values, at, to)
 
 
 def _between(values: Array, at: Array, to: Array) -> Array:

@@ -11,10 +11,10 @@ from dmoc.stages import Stage, expression_stage, local_interval
 
 __all__ = [
     "acceleration_stage",
-    "end_acceleration_stage",
     "end_jerk_stage",
     "end_momentum_stage",
     "end_stage",
+    "first_acceleration_stage",
     "half_space_stage",
     "jerk_stage",
     "path_stage",
@@ -25,29 +25,46 @@ __all__ = [
 ]
 
 
-def velocity_stage(n: int) -> Stage:
-    """(q⁺ − q)/(h v_max); z = (q, q⁺, h), θ = v_max."""
-    qa, qb, h, limit = (ca.SX.sym(s, k) for s, k in (("qa", n), ("qb", n), ("h", 1), ("v", n)))
-    return expression_stage("velocity", ca.vertcat(qa, qb, h), limit, (qb - qa) / (h * limit))
-
-
 def acceleration_stage(n: int) -> Stage:
-    """(q⁺ − 2q + q⁻)/(h² a_max) at an inner knot; z = (q⁻, q, q⁺, h), θ = a_max."""
-    qa, qb, qc, limit = (ca.SX.sym(s, n) for s in ("qa", "qb", "qc", "a"))
-    h = ca.SX.sym("h")
-    rows = (qc - 2 * qb + qa) / (h**2 * limit)
-    return expression_stage("acceleration", ca.vertcat(qa, qb, qc, h), limit, rows)
+    """q̈/a_max on the interval after an inner knot, (q⁺ − 2q + q⁻)/(h² a_max) + W (û − û⁻).
+
+    z = (q⁻, q, q⁺, h, û⁻, û), θ = (a_max, W column by column), W = M⁻¹ u_max/(2 a_max). The knots
+    alone show the mean of two intervals; half the jump of the torque tells them apart.
+    """
+    z, (qa, qb, qc, h, before, after) = _about_knot(n)
+    limit, weight = ca.SX.sym("a", n), ca.SX.sym("W", n, n)
+    rows = (qc - 2 * qb + qa) / (h**2 * limit) + weight @ (after - before)
+    return expression_stage("acceleration", z, ca.vertcat(limit, ca.vec(weight)), rows)
 
 
-def end_acceleration_stage(n: int) -> Stage:
-    """Acceleration over the half interval next to an end, ± 2((q⁺ − q)/h − v)/(h a_max).
+def velocity_stage(n: int) -> Stage:
+    """q̇/v_max at an inner knot, (q⁺ − q⁻)/(2h v_max) − h W (û − û⁻).
 
-    z = (q, q⁺, h), θ = (a_max, v) with v the velocity prescribed at the end.
+    z as in `acceleration_stage`, θ = (v_max, W), W = M⁻¹ u_max/(4 v_max).
+    """
+    z, (qa, _, qc, h, before, after) = _about_knot(n)
+    limit, weight = ca.SX.sym("v", n), ca.SX.sym("W", n, n)
+    rows = (qc - qa) / (2 * h * limit) - h * (weight @ (after - before))
+    return expression_stage("velocity", z, ca.vertcat(limit, ca.vec(weight)), rows)
+
+
+def _about_knot(n: int) -> tuple[Any, tuple[Any, ...]]:
+    """z and its parts (q⁻, q, q⁺, h, û⁻, û)."""
+    names = (("qa", n), ("qb", n), ("qc", n), ("h", 1), ("before", n), ("after", n))
+    parts = tuple(ca.SX.sym(*item) for item in names)
+    return ca.vertcat(*parts), parts
+
+
+def first_acceleration_stage(n: int) -> Stage:
+    """2((q⁺ − q)/h − v)/(h a_max) of the first interval.
+
+    z = (q, q⁺, h), θ = (a_max, v) with v the velocity prescribed at the start.
     """
     qa, qb, limit, v = (ca.SX.sym(s, n) for s in ("qa", "qb", "a", "v"))
     h = ca.SX.sym("h")
     rows = 2 * ((qb - qa) / h - v) / (h * limit)
-    return expression_stage("end_acceleration", ca.vertcat(qa, qb, h), ca.vertcat(limit, v), rows)
+    z = ca.vertcat(qa, qb, h)
+    return expression_stage("first_acceleration", z, ca.vertcat(limit, v), rows)
 
 
 def half_space_stage(n: int, capacity: int) -> Stage:

@@ -17,11 +17,22 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.bounds import parameters, row_bounds, variable_bounds
+from dmoc.curve_limits import (
+    CURVE_SLACK,
+    Curve,
+    Lag,
+    Margins,
+    curve_of,
+    lag_of,
+    mean_curve_of,
+    mobility_of,
+    no_lag,
+)
 from dmoc.half_spaces import capacity_for, half_space_params, without_idle_rows
 from dmoc.motion import MotionProblem
 from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, IpoptParams, NlpSolution, PathRows
 from dmoc.programme import Families, MotionProgramme, motion_programme
-from dmoc.state import knot_velocities, max_defect, residuals, violations
+from dmoc.state import knot_velocities, max_defect, residuals
 from dmoc.status import Status
 
 __all__ = ["ONE_AT_A_TIME", "STATUS", "Multipliers", "solve_nlp"]
@@ -42,6 +53,8 @@ STATUS = {
 
 # A motion whose equations hold less well than this (fraction of h u_max) is not called converged.
 LARGEST_DEFECT = 1e-6
+# How often the rows of speed and acceleration are set right by the curve of their solution.
+MOST_CORRECTIONS = 5
 
 _IPOPT = {
     "print_level": 0, "sb": "yes", "nlp_scaling_method": "none",
@@ -62,11 +75,15 @@ ONE_AT_A_TIME = threading.RLock()
 
 @dataclass(frozen=True)
 class Multipliers:
-    """Dual variables of a solution: of the bounds of x and of all rows of `families`."""
+    """Dual variables of a solution: of the bounds of x and of all rows of `families`.
+
+    `lag` is what its rows of speed and acceleration are short of, where it has any.
+    """
 
     bounds: Array
     rows: Array
     families: Families
+    lag: Lag | None = None
 
 
 def solve_nlp(
@@ -102,21 +119,75 @@ def _with_lazy_limits(
     if families is None:
         families = Families() if warm is None else warm.families
     families = replace(families, half_spaces=0 if kept is None else capacity_for(kept))
-    iterations = 0
+    lag = None if warm is None else warm.lag
+    if lag is None:
+        lag = no_lag(problem.num_intervals, problem.robot.num_joints)
+    margins = Margins(lag, np.zeros_like(lag.slope), np.zeros_like(lag.velocity))
+    exact, iterations, corrections = params.limit_curve, 0, 0
+    slack = CURVE_SLACK if exact else 0.0
+    no_mobility = np.zeros((len(lag.velocity), problem.robot.num_joints, problem.robot.num_joints))
     while True:
-        solution = _solve_once(problem, guess, box, kept, params, families)
+        if families.limited:
+            mobility = mobility_of(problem.robot, guess.q_rad) if exact else no_mobility
+            margins = replace(margins, mobility=mobility)
+        solution = _solve_once(problem, guess, box, kept, params, families, margins)
         iterations += solution.iterations
-        broken = violations(problem, solution.q_rad, solution.step_s)
+        if solution.status is Status.INFEASIBLE:
+            break
+        curve = _curve(problem, solution, exact)
+        too_fast, too_hard = curve.breaks_velocity(slack), curve.breaks_acceleration(slack)
         wider = replace(
             families,
-            velocity=families.velocity or broken["velocity"],
-            acceleration=families.acceleration or broken["acceleration"],
+            velocity=families.velocity or too_fast,
+            acceleration=families.acceleration or too_hard,
         )
-        if wider == families or solution.status is Status.INFEASIBLE:
-            return replace(solution, iterations=iterations)
-        families = wider
+        if wider == families:
+            done = not (too_fast or too_hard) or corrections == MOST_CORRECTIONS or not exact
+            if done or not solution.status.ok:
+                break
+            corrections += 1
+            if corrections > 1:  # a better lag alone did not do
+                margins = margins.corrected(curve)
         if solution.status.ok:
-            guess = Guess(solution.q_rad, solution.torque_nm, solution.step_s)
+            lag = _lag(problem, solution) if exact else lag
+            if wider != families:
+                lag = lag.tempered(curve)
+            margins = replace(margins, lag=lag)
+            carried = _carried(problem, solution.multipliers, wider, lag)
+            guess = Guess(solution.q_rad, solution.torque_nm, solution.step_s, carried)
+        families = wider
+    if families.limited and solution.status.ok:
+        known = replace(
+            solution.multipliers,
+            lag=_lag(problem, solution).tempered(_curve(problem, solution, True)),
+        )
+        solution = replace(solution, multipliers=known)
+    return replace(solution, iterations=iterations)
+
+
+def _curve(problem: MotionProblem, solution: NlpSolution, exact: bool) -> Curve:
+    if exact:
+        return curve_of(problem.robot, solution.q_rad, solution.velocity_rad_s, solution.step_s)
+    return mean_curve_of(problem, solution.q_rad, solution.step_s)
+
+
+def _lag(problem: MotionProblem, solution: NlpSolution) -> Lag:
+    """What rows with the inertia of this solution are short of."""
+    return lag_of(
+        problem, _curve(problem, solution, True), solution.q_rad, solution.torque_nm,
+        solution.step_s, mobility_of(problem.robot, solution.q_rad),
+    )  # fmt: skip
+
+
+def _carried(
+    problem: MotionProblem, known: Multipliers, families: Families, lag: Lag
+) -> Multipliers:
+    """Multipliers for a programme with more families of rows; what is new starts at zero."""
+    source, target = motion_programme(problem, known.families), motion_programme(problem, families)
+    rows = np.zeros(target.programme.num_rows)
+    for name, place in source.rows.items():
+        rows[target.rows[name]] = known.rows[place]
+    return Multipliers(known.bounds, rows, families, lag)
 
 
 def _solve_once(
@@ -126,18 +197,19 @@ def _solve_once(
     rows: PathRows | None,
     params: IpoptParams,
     families: Families,
+    margins: Margins,
 ) -> NlpSolution:
     motion = motion_programme(problem, families)
     layout, robot = motion.layout, problem.robot
     half, lower_half = half_space_params(problem, rows, families.half_spaces)
     lbx, ubx = variable_bounds(problem, motion, box)
-    lbg, ubg = row_bounds(problem, motion, lower_half)
+    lbg, ubg = row_bounds(problem, motion, lower_half, margins)
     if np.any(lbx > ubx) or np.any(lbg > ubg):
         return _hopeless(problem, guess, families)
     x0 = layout.pack(guess.q_rad, guess.torque_nm / robot.torque_limit_nm, guess.step_s)
     arguments = {
         "x0": np.clip(x0, lbx, ubx), "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg,
-        "p": parameters(problem, motion, half),
+        "p": parameters(problem, motion, half, margins),
     }  # fmt: skip
     multipliers = guess.multipliers
     warm = (

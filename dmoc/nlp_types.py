@@ -21,6 +21,8 @@ SOLVERS = ("ipopt",)
 class IpoptParams:
     """Options of a solve. `tolerance` is Ipopt's `tol` on the scaled problem.
 
+    With `limit_curve` speed and acceleration limits hold on the whole executed curve (to 1 %), else
+    only for differences of the knots.
     `solver` is `ipopt`; anything else is refused.
     """
 
@@ -28,6 +30,7 @@ class IpoptParams:
     acceptable_tolerance: float = 1e-4
     acceptable_iterations: int = 15
     max_iterations: int = 300
+    limit_curve: bool = True
     solver: str = "ipopt"
 
     def __post_init__(self) -> None:

@@ -47,6 +47,11 @@ class Families:
     acceleration: bool = False
     half_spaces: int = 0
 
+    @property
+    def limited(self) -> bool:
+        """Whether there are rows of speed or acceleration."""
+        return self.velocity or self.acceleration
+
 
 @dataclass(frozen=True)
 class MotionProgramme:
@@ -91,7 +96,7 @@ def motion_programme(problem: MotionProblem, families: Families) -> MotionProgra
     backend = _STAGES[physics].current()
     key = (*physics, backend.name, problem.num_intervals, problem.limits.shape, families)
     if key not in _PROGRAMMES:
-        _PROGRAMMES[key] = _Builder(problem, backend).build(families, key)
+        _PROGRAMMES[key] = _Builder(problem, backend, families).build(key)
     return _PROGRAMMES[key]
 
 
@@ -128,15 +133,17 @@ class _Places:
 class _Builder:
     """Collects the blocks of one programme."""
 
-    def __init__(self, problem: MotionProblem, backend: Backend) -> None:
+    def __init__(self, problem: MotionProblem, backend: Backend, families: Families) -> None:
         self.problem, self.limits = problem, problem.limits
         self.n, self.count = problem.robot.num_joints, problem.num_intervals
         self.layout = Layout(self.count, self.n, problem.limits.needs_end_state)
+        self.families = families
         self.params, self.rows = _Places(), _Places()
         self.blocks: list[Block] = []
         self.stages = backend.stages
 
-    def build(self, families: Families, key: tuple[Any, ...]) -> MotionProgramme:
+    def build(self, key: tuple[Any, ...]) -> MotionProgramme:
+        families = self.families
         self._motion()
         if families.velocity:
             self._velocity()
@@ -184,18 +191,31 @@ class _Builder:
         knots = self.layout.knots()
         return np.hstack([knots[:-1], knots[1:], self._steps(self.count)])
 
+    def _about_knots(self) -> Index:
+        """(q⁻, q, q⁺, h, û⁻, û) of the inner knots."""
+        knots, torques = self.layout.knots(), self.layout.torques()
+        near = [knots[:-2], knots[1:-1], knots[2:], self._steps(self.count - 1)]
+        return np.hstack([*near, torques[:-1], torques[1:]])
+
+    def _by_knot(self, name: str, limit: str) -> Index:
+        """A limit and the weights of the inner knots, one column each."""
+        weights = self.params.take(name, self.count - 1, self.n * self.n)
+        shared = np.tile(self._param(limit), (self.count - 1, 1))
+        return np.hstack([shared, weights]).T
+
     def _velocity(self) -> None:
-        place = self.rows.take("velocity", self.count, self.n)
-        self._add(limits.velocity_stage(self.n), self._pairs(), self._param("v_max"), place)
+        """Velocities of the inner knots."""
+        place = self.rows.take("velocity", self.count - 1, self.n)
+        theta = self._by_knot("velocity_weights", "v_max")
+        self._add(limits.velocity_stage(self.n), self._about_knots(), theta, place)
 
     def _acceleration(self) -> None:
-        n, knots = self.n, self.layout.knots()
-        place = self.rows.take("acceleration", self.count + 1, n)
-        inner = np.hstack([knots[:-2], knots[1:-1], knots[2:], self._steps(self.count - 1)])
-        self._add(limits.acceleration_stage(n), inner, self._param("a_max"), place[1:-1])
-        end = limits.end_acceleration_stage(n)
-        self._add(end, self._pairs()[:1], self._param("a_max", "v_start"), place[:1])
-        self._add(end, self._pairs()[-1:], self._param("a_max", "v_goal"), place[-1:])
+        """Accelerations of all intervals."""
+        place = self.rows.take("acceleration", self.count, self.n)
+        theta = self._by_knot("acceleration_weights", "a_max")
+        self._add(limits.acceleration_stage(self.n), self._about_knots(), theta, place[1:])
+        stage, ends = limits.first_acceleration_stage(self.n), self._param("a_max", "v_start")
+        self._add(stage, self._pairs()[:1], ends, place[:1])
 
     def _half_spaces(self, capacity: int) -> None:
         theta = self.params.take("half_spaces", self.count, 2 * self.n * capacity)

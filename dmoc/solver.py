@@ -22,7 +22,7 @@ COARSE_INTERVALS = 10
 # The coarse grid only starts the fine one, so its last digits are not wanted.
 COARSE_TOLERANCE = 1e-3
 # More iterations than this in all count as a struggle worth another guess.
-SUSPICIOUS_ITERATIONS = 60
+SUSPICIOUS_ITERATIONS = 100
 SUSPICIOUS_ITERATIONS_ELECTRICAL = 600
 OTHER_GUESSES = 3
 # Friction this soft [rad/s] has few local optima; an electrical cost is first solved with it.
@@ -107,7 +107,7 @@ def _through_grids(problem: MotionProblem, params: IpoptParams, start: Guess) ->
     if problem.num_intervals < 2 * COARSE_INTERVALS or ends:
         return solve_nlp(problem, start, params=params)
     coarse = problem.replace(num_intervals=COARSE_INTERVALS)
-    rough = replace(params, tolerance=max(COARSE_TOLERANCE, params.tolerance))
+    rough = replace(params, tolerance=max(COARSE_TOLERANCE, params.tolerance), limit_curve=False)
     first = solve_nlp(coarse, _thinned(start), params=rough)
     if not first.status.ok:
         solution = solve_nlp(problem, start, params=params)

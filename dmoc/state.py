@@ -17,12 +17,8 @@ __all__ = [
     "mass_matrices",
     "max_defect",
     "residuals",
-    "violations",
     "wrench_torque",
 ]
-
-# A limit counts as violated beyond this share of itself.
-LIMIT_SLACK = 1e-6
 
 
 def mass_matrices(robot: Robot, q: Array) -> Array:
@@ -85,17 +81,3 @@ def max_defect(problem: MotionProblem, q: Array, left: Array, right: Array, h: f
     if not problem.limits.free_goal_velocity:
         rows.append(right[-1] - ends[1] @ problem.goal_velocity_rad_s)
     return float(np.max(np.abs(rows) / (h * robot.torque_limit_nm)))
-
-
-def violations(problem: MotionProblem, q: Array, h: float) -> dict[str, bool]:
-    """Which families of limits a solution breaks."""
-    robot, most = problem.robot, 1.0 + LIMIT_SLACK
-    v = np.diff(q, axis=0) / h
-    steps = [2 * (v[0] - problem.start_velocity_rad_s), *np.diff(v, axis=0)]
-    if not problem.limits.free_goal_velocity:
-        steps.append(2 * (problem.goal_velocity_rad_s - v[-1]))
-    a = np.array(steps) / h
-    return {
-        "velocity": bool(np.any(np.abs(v) > most * robot.velocity_limit_rad_s)),
-        "acceleration": bool(np.any(np.abs(a) > most * robot.acceleration_limit_rad_s2)),
-    }

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from random_arms import random_problems, random_robot
 
+from dmoc.constraints import MotionLimits
 from dmoc.cost import Cost
 from dmoc.errors import ProblemError
 from dmoc.motion import MotionNotSolved, MotionProblem
@@ -28,12 +29,11 @@ def planar(tmp_path_factory):
 
 
 def assert_within_limits(problem, motion) -> None:
+    """On the executed curve, densely sampled, not just at its knots."""
     robot, t = problem.robot, motion.trajectory
-    h = t.duration_s / t.num_intervals
-    v = np.diff(t.q_rad, axis=0) / h
-    a = np.diff(v, axis=0) / h
-    assert np.all(np.abs(v) <= robot.velocity_limit_rad_s * (1 + 2e-6))
-    assert np.all(np.abs(a) <= robot.acceleration_limit_rad_s2 * (1 + 2e-6))
+    curve = t.sample(np.linspace(0.0, t.duration_s, 50 * t.num_intervals + 1))
+    assert np.all(np.abs(curve.velocity_rad_s) <= robot.velocity_limit_rad_s * 1.01)
+    assert np.all(np.abs(curve.acceleration_rad_s2) <= robot.acceleration_limit_rad_s2 * 1.01)
     assert np.all(np.abs(t.torque_nm) <= robot.torque_limit_nm * (1 + 1e-6))
     assert np.all(t.q_rad >= robot.q_lower_rad - 1e-7)
     assert np.all(t.q_rad <= robot.q_upper_rad + 1e-7)
@@ -75,9 +75,26 @@ def test_limits_bind_where_they_are_tight(arm) -> None:
         assert slow.status is Status.CONVERGED
         assert_within_limits(a, slow)
         assert slow.cost > fast.cost
-        h = slow.trajectory.duration_s / 40
-        v = np.diff(slow.trajectory.q_rad, axis=0) / h
-        assert np.max(np.abs(v)) == pytest.approx(0.4, rel=1e-3)
+        assert np.max(np.abs(slow.trajectory.velocity_rad_s)) == pytest.approx(0.4, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["ur10e_class", "irb6640_class"])
+def test_time_optimal_motions_keep_their_limits_between_the_knots(name: str) -> None:
+    """Bang-bang in the accelerations, and fixed first knots that provoke an alternating torque."""
+    hurried = Cost(time=1.0, effort=0.0, velocity=0.0)
+    for problem in random_problems(load_robot(name), 2, seed=4, cost=hurried):
+        assert_within_limits(problem, solve(problem).require())
+        first = problem.start_rad + np.outer([0.0004, 0.0016], np.ones(6))
+        motion = solve(problem.replace(depart_rad=first)).require()
+        assert_within_limits(problem, motion)
+        a = np.diff(motion.trajectory.velocity_rad_s, axis=0) / motion.trajectory.t_s[1]
+        assert np.max(np.abs(a) / problem.robot.acceleration_limit_rad_s2) > 0.97
+
+
+def test_a_free_last_velocity_keeps_its_limits(arm) -> None:
+    tight = arm.with_limits(velocity_limit_rad_s=0.4, acceleration_limit_rad_s2=2.0)
+    problem = random_problems(tight, 1)[0].replace(limits=MotionLimits(free_goal_velocity=True))
+    assert_within_limits(problem, solve(problem).require())
 
 
 def test_start_equal_to_goal(arm) -> None:

@@ -1,0 +1,47 @@
+"""Extremes of the executed curve, and the rows that stand for them."""
+
+import numpy as np
+import pytest
+from random_arms import random_problems
+
+from dmoc.curve_limits import curve_of, lag_of, mobility_of
+from dmoc.robot import load_robot
+from dmoc.solver import solve
+from dmoc.trajectory import JointTrajectory
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_extremes_are_those_of_a_dense_sampling(seed: int) -> None:
+    robot, rng = load_robot("planar2"), np.random.default_rng(seed)
+    t = 0.2 * np.arange(7)
+    q, v = rng.normal(size=(2, 7, 2))
+    trajectory = JointTrajectory(t, q, v, np.zeros((6, 2)))
+    curve = curve_of(robot, q, v, 0.2)
+    for k in range(6):
+        dense = trajectory.sample(np.linspace(t[k], t[k + 1] - 1e-12, 2001))
+        hardest = np.abs(dense.acceleration_rad_s2).max(axis=0) / robot.acceleration_limit_rad_s2
+        fastest = np.abs(dense.velocity_rad_s).max(axis=0) / robot.velocity_limit_rad_s
+        np.testing.assert_allclose(curve.hardest[k], hardest, rtol=1e-9)
+        np.testing.assert_allclose(curve.speed[k], fastest, rtol=1e-5)
+
+
+def test_rows_tell_an_alternating_acceleration_from_its_mean() -> None:
+    """The lag, what the rows miss of the true curve, is small and of first order in the step; the
+    second differences of the knots alone miss the alternating part altogether."""
+    problem = random_problems(load_robot("ur10e_class"), 6, seed=11)[5]
+    wild = problem.robot.with_limits(acceleration_limit_rad_s2=1e3)
+    lags = []
+    for count in (40, 80):
+        motion = solve(problem.replace(robot=wild, num_intervals=count)).require()
+        t = motion.trajectory
+        h = t.t_s[1]
+        curve = curve_of(problem.robot, t.q_rad, t.velocity_rad_s, h)
+        mobility = mobility_of(problem.robot, t.q_rad)
+        lag = lag_of(problem, curve, t.q_rad, t.torque_nm, h, mobility)
+        lags.append(np.median(np.abs(lag.acceleration)))
+        if count == 40:
+            means = np.diff(t.q_rad, 2, axis=0) / h**2 / problem.robot.acceleration_limit_rad_s2
+            missed = np.abs(curve.mean[1:] - means)
+            assert missed.max() > 1.0
+            assert np.abs(lag.acceleration[1:]).max() < 0.3 * missed.max()
+    assert lags[1] < 0.7 * lags[0]
