@@ -21,9 +21,8 @@ from scipy.optimize import minimize as scipy_minimize
 from benchmarks.timing_common import save_table
 from dmoc.swarm import SwarmParams, minimise
 from dmoc.trajectory import JointTrajectory
-from sequencing.timing.arm_shapes import joint_frames
-from sequencing.timing.coordination import ExactPlacer
-from sequencing.timing.optimise import DEFAULT_SEARCH, SearchParams, optimise_timing
+from sequencing.timing.arm_shapes import ArmShapes, joint_frames
+from sequencing.timing.optimise import SearchParams, optimise_timing
 from sequencing.timing.path_power import exact_power_w
 from sequencing.timing.prepared import Geometry, prepare_cell
 from sequencing.timing.sampled_check import BROAD, NARROW, SampledCheck
@@ -230,6 +229,21 @@ def false_free(total: int = 10_000, instants: int = 100, fine: int = 4000) -> No
             }
         )  # fmt: skip
     save_table("timing_false_free", rows, "Coordination maps against the dense exact check")
+
+
+class ExactPlacer:
+    """Coal's solids of one arm at the samples of one path: the oracle of the maps."""
+
+    def __init__(self, shapes: ArmShapes, rotation: np.ndarray, origin: np.ndarray) -> None:
+        self.shapes = shapes
+        turn = rotation[:, shapes.joint]
+        self.rotation = turn @ shapes.pose[None, :, :3, :3]
+        self.origin = (
+            np.einsum("kcab,cb->kca", turn, shapes.pose[:, :3, 3]) + origin[:, shapes.joint]
+        )
+
+    def transform(self, sample: int, solid: int) -> coal.Transform3s:
+        return coal.Transform3s(self.rotation[sample, solid], self.origin[sample, solid])
 
 
 def window_joints_at(trajectory: JointTrajectory, s: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from dmoc.errors import Fault, ProblemError
 from dmoc.robot import Robot
-from planning.pieces import Mounted
+from planning.pieces import Mounted, Piece, piece_of
 from planning.robot_bodies import link_bodies, tool_mounts
 from planning.shapes import Body, Shape
 
@@ -27,7 +27,8 @@ class ArmShapes:
     """C solids of one arm: `joint` (C,) carries each; all geometry in that joint's frame.
 
     `ends_m` (C, 2, 3) and `radius_m` (C,) are the covering capsules, `solids` the coal geometries
-    at `pose` (C, 4, 4), `names` the bodies they belong to. Joint 0 does not move.
+    at `pose` (C, 4, 4), `names` the bodies they belong to, `pieces` the same solids for our own
+    kernels. Joint 0 does not move.
     """
 
     joint: np.ndarray
@@ -36,6 +37,7 @@ class ArmShapes:
     pose: np.ndarray
     solids: tuple[coal.CollisionGeometry, ...]
     names: tuple[str, ...]
+    pieces: tuple[Piece, ...]
 
 
 def arm_shapes(
@@ -57,11 +59,12 @@ def moving_shapes(shapes: ArmShapes) -> ArmShapes:
     return ArmShapes(
         shapes.joint[kept], shapes.ends_m[kept], shapes.radius_m[kept], shapes.pose[kept],
         tuple(shapes.solids[k] for k in kept), tuple(shapes.names[k] for k in kept),
+        tuple(shapes.pieces[k] for k in kept),
     )  # fmt: skip
 
 
 def _collect(mounts: Sequence[Mounted]) -> ArmShapes:
-    joint, ends, radius, poses, solids, names = [], [], [], [], [], []
+    joint, ends, radius, poses, solids, names, pieces = [], [], [], [], [], [], []
     for mount in mounts:
         for shape in mount.body.shapes:
             pose = np.asarray(mount.pose) @ np.asarray(shape.pose)
@@ -72,9 +75,10 @@ def _collect(mounts: Sequence[Mounted]) -> ArmShapes:
             poses.append(pose)
             solids.append(coal_solid(shape))
             names.append(mount.body.name)
+            pieces.append(piece_of(shape, mount.body.name, mount.joint, mount.pose))
     return ArmShapes(
         np.array(joint, dtype=np.int64), np.array(ends), np.array(radius), np.array(poses),
-        tuple(solids), tuple(names),
+        tuple(solids), tuple(names), tuple(pieces),
     )  # fmt: skip
 
 

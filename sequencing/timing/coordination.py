@@ -12,11 +12,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import coal
 import numba
 import numpy as np
 
-from sequencing.timing.arm_shapes import ArmShapes
+from sequencing.timing.exact_map import ExactPair, free_blocks
 from sequencing.timing.segment_distance import segment_distance
 from sequencing.timing.swept import SweptPath
 
@@ -106,9 +105,9 @@ def coordination_map(
     path_a: SweptPath,
     path_b: SweptPath,
     clearance_m: float,
-    exact: tuple[ExactPlacer, ExactPlacer] | None = None,
+    exact: ExactPair | None = None,
 ) -> CoordinationMap:
-    """Map of two swept paths (of 2 N pieces each). `exact` adds the second try with coal solids."""
+    """Map of two swept paths (of 2 N pieces each); `exact` adds the second try with the solids."""
     gap = clearance_m
     low = np.maximum(path_a.box_m[0], path_b.box_m[0])
     high = np.minimum(path_a.box_m[1], path_b.box_m[1])
@@ -118,105 +117,14 @@ def coordination_map(
         np.arange(len(path_a.radius_m)), np.arange(len(path_b.radius_m)), indexing="ij"
     )
     pairs = np.stack([a.ravel(), b.ravel()], axis=1)
-    pairs = pairs[path_a.moving[pairs[:, 0]] | path_b.moving[pairs[:, 1]]]
+    pairs = np.ascontiguousarray(pairs[path_a.moving[pairs[:, 0]] | path_b.moving[pairs[:, 1]]])
     cells = (path_a.ends_m.shape[0] - 1) // 2
     blocked = np.zeros((cells, cells), dtype=np.uint8)
     tests = _capsule_map(
         path_a.ends_m, path_a.radius_m, path_a.travel_m,
         path_b.ends_m, path_b.radius_m, path_b.travel_m,
-        np.ascontiguousarray(pairs), clearance_m, blocked,
+        pairs, clearance_m, blocked,
     )  # fmt: skip
     if blocked.any() and exact is not None:
-        tests += _refine(path_a, path_b, clearance_m, exact, pairs, blocked)
+        tests += free_blocks(path_a, path_b, clearance_m, exact, pairs, blocked)
     return CoordinationMap(blocked if blocked.any() else None, int(tests))
-
-
-class ExactPlacer:
-    """Puts the solids of one arm at the samples of one path (2 N + 1 joint frames)."""
-
-    def __init__(self, shapes: ArmShapes, rotation: np.ndarray, origin: np.ndarray) -> None:
-        self.shapes = shapes
-        turn = rotation[:, shapes.joint]
-        self.rotation = turn @ shapes.pose[None, :, :3, :3]
-        self.origin = (
-            np.einsum("kcab,cb->kca", turn, shapes.pose[:, :3, 3]) + origin[:, shapes.joint]
-        )
-        self._made: dict[tuple[int, int], coal.Transform3s] = {}
-
-    def transform(self, sample: int, solid: int) -> coal.Transform3s:
-        """World placement of a solid at a sample."""
-        key = (sample, int(solid))
-        if key not in self._made:
-            self._made[key] = coal.Transform3s(
-                self.rotation[sample, solid], self.origin[sample, solid]
-            )
-        return self._made[key]
-
-
-@numba.njit(cache=True)
-def _near(ends_a, ends_b, radii, limit):
-    """Indices of the rows whose capsules are within their limit."""
-    out = np.empty(len(radii), dtype=np.int64)
-    count = 0
-    for m in range(len(radii)):
-        if segment_distance(ends_a[m], ends_b[m]) - radii[m] <= limit[m]:
-            out[count] = m
-            count += 1
-    return out[:count]
-
-
-def _refine(
-    path_a: SweptPath,
-    path_b: SweptPath,
-    clearance: float,
-    exact: tuple[ExactPlacer, ExactPlacer],
-    pairs: np.ndarray,
-    blocked: np.ndarray,
-) -> int:
-    """Free the blocks of `blocked` that the exact solids prove free; returns distances computed."""
-    cells = len(blocked)
-    place_a, place_b = exact
-    request = coal.DistanceRequest()
-    result = coal.DistanceResult()
-    stack: list[tuple[int, int, int, np.ndarray]] = [(0, 0, cells, pairs)]
-    tests = 0
-    while stack:
-        i0, j0, size, near = stack.pop()
-        block = blocked[i0 : i0 + size, j0 : j0 + size]
-        if not block.any():
-            continue
-        ma, mb = 2 * i0 + size, 2 * j0 + size
-        way_a = np.maximum(
-            path_a.travel_m[2 * (i0 + size)] - path_a.travel_m[ma],
-            path_a.travel_m[ma] - path_a.travel_m[2 * i0],
-        )
-        way_b = np.maximum(
-            path_b.travel_m[2 * (j0 + size)] - path_b.travel_m[mb],
-            path_b.travel_m[mb] - path_b.travel_m[2 * j0],
-        )
-        way = way_a[near[:, 0]] + way_b[near[:, 1]]
-        ea, eb = path_a.ends_m[ma][near[:, 0]], path_b.ends_m[mb][near[:, 1]]
-        left, hit = [], False
-        for m in _near(ea, eb, path_a.radius_m[near[:, 0]] + path_b.radius_m[near[:, 1]],
-                       clearance + way):  # fmt: skip
-            a, b = near[m]
-            tests += 1
-            result.clear()
-            distance = coal.distance(
-                place_a.shapes.solids[a], place_a.transform(ma, a),
-                place_b.shapes.solids[b], place_b.transform(mb, b), request, result,
-            )  # fmt: skip
-            if distance <= clearance + way[m]:
-                left.append(m)
-                if distance + way[m] <= clearance:
-                    hit = True
-                    break
-        if not left:
-            block[:] = 0
-        elif not hit and size > 1:
-            half = size // 2
-            rest = near[left]
-            stack += [
-                (i0 + di * half, j0 + dj * half, half, rest) for di in (0, 1) for dj in (0, 1)
-            ]
-    return tests

@@ -21,15 +21,15 @@ def write_joined_cell(
     folder: Path | str,
     left_run: Path | str,
     right_run: Path | str,
-    distance_m: float = 4.5,
+    distance_m: float = 5.4,
     offset_m: float = 0.15,
     capacitance_f: float = 6e-3,
 ) -> Path:
     """Write `cell.yaml` into `folder`: the right station turned round, `distance_m` in front.
 
-    `offset_m` shifts it sideways, so that the two homes do not point at each other. Only robots
-    and tools are checked against each other: each motion is certified against its own station's
-    part, and the stations must stand far enough apart that no arm reaches the other's part.
+    `offset_m` shifts it sideways, so that the two homes do not point at each other. Each motion is
+    certified against its own station's part and fixtures; `schedule` checks robots and tools
+    against each other and against the other station's part and fixtures.
     """
     out = Path(folder)
     out.mkdir(parents=True, exist_ok=True)

@@ -8,16 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planning.packed import Solids
 from sequencing.timing.arm_shapes import ArmShapes, arm_shapes, joint_frames
 from sequencing.timing.cell_types import Cell
 from sequencing.timing.coordination import (
     CELLS,
     CoordinationMap,
-    ExactPlacer,
     coordination_map,
 )
 from sequencing.timing.crossing import Crossings, PairMaps
 from sequencing.timing.dc_link import simulate_hysteresis
+from sequencing.timing.exact_map import ExactPair, pack_pair, solid_poses
 from sequencing.timing.path_power import (
     PathPower,
     PowerTable,
@@ -167,7 +168,8 @@ class Geometry:
         self.cell = cell
         self.shapes: list[ArmShapes] = [arm_shapes(r.robot, r.tool_bodies) for r in cell.robots]
         self._swept: dict[int, SweptPath] = {}
-        self._frames: dict[int, ExactPlacer] = {}
+        self._poses: dict[int, np.ndarray] = {}
+        self._solids: dict[tuple[int, int], Solids] = {}
         self._maps: dict[tuple[int, int], CoordinationMap] = {}
         self._sharp: set[tuple[int, int]] = set()
 
@@ -199,9 +201,8 @@ class Geometry:
             self._sharp.add((a, b))
             changed = True
             self._maps[a, b] = coordination_map(
-                self.swept(a), self.swept(b), self.cell.clearance_m,
-                (self._placer(a), self._placer(b)),
-            )  # fmt: skip
+                self.swept(a), self.swept(b), self.cell.clearance_m, self._exact(a, b)
+            )
         return changed
 
     def crossings(self, total_s: float) -> Crossings:
@@ -244,12 +245,19 @@ class Geometry:
         }
         return Crossings(pairs, flat, total_s, held)
 
-    def _placer(self, number: int) -> ExactPlacer:
-        if number not in self._frames:
+    def _exact(self, a: int, b: int) -> ExactPair:
+        key = self.cell.owner(a)[0], self.cell.owner(b)[0]
+        if key not in self._solids:
+            self._solids[key] = pack_pair(self.shapes[key[0]].pieces, self.shapes[key[1]].pieces)
+        return ExactPair(self._solids[key], self._posed(a), self._posed(b))
+
+    def _posed(self, number: int) -> np.ndarray:
+        if number not in self._poses:
             r, k = self.cell.owner(number)
             item = self.cell.robots[r]
             bare = item.trajectories[k]
             t = np.linspace(0.0, bare.duration_s, 2 * CELLS + 1) + bare.t_s[0]
             q = type(bare)(bare.t_s, bare.q_rad, bare.velocity_rad_s, bare.torque_nm).sample(t)
-            self._frames[number] = ExactPlacer(self.shapes[r], *joint_frames(item.robot, q.q_rad))
-        return self._frames[number]
+            frames = joint_frames(item.robot, q.q_rad)
+            self._poses[number] = solid_poses(self.shapes[r], *frames)
+        return self._poses[number]

@@ -9,10 +9,13 @@ is the larger distance at the two ends plus what the joints behind j can add, an
 bounded by the Bernstein coefficients of the speed, a quadratic between knots.
 """
 
+# mypy: disallow-untyped-defs=False
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from dmoc.robot import Robot
@@ -94,28 +97,49 @@ def _levers(
 ) -> np.ndarray:
     """r (P, C, n): largest distance of a point of solid c from the axis of joint j in a piece."""
     model = robot.model
-    pieces, solids, n = turn.shape[0], len(shapes.joint), model.nv
-    lever = np.zeros((pieces, solids, n))
-    reach = _chain(robot, shapes)
+    lever = np.zeros((turn.shape[0], len(shapes.joint), model.nv))
+    axes = np.zeros((len(rotation), model.njoints, 3))
+    slides = np.zeros(model.njoints, dtype=np.bool_)
+    column = np.zeros(model.njoints, dtype=np.int64)
     for j in range(1, model.njoints):
-        column = model.joints[j].idx_v
         revolute, axis = joint_axis(robot, j)
-        world_axis = rotation[:, j] @ axis
-        arm = ends - origin[:, j][:, None, None, :]
-        along = np.einsum("kcei,ki->kce", arm, world_axis)
-        square = np.einsum("kcei,kcei->kce", arm, arm) - along**2
-        across = np.sqrt(np.maximum(square, 0.0).max(axis=2)) + 1e-9
-        across = np.maximum(across[1:], across[:-1]) + shapes.radius_m
-        carried = reach[:, j] > 0.0
-        behind = np.zeros((pieces, solids))
-        for k in range(j + 1, model.njoints):
-            column_k = model.joints[k].idx_v
-            behind += reach[:, k] * turn[:, column_k, None] * (reach[:, k] > 0.0)
-        if not revolute:
-            lever[:, :, column] = carried * 1.0
-        else:
-            lever[:, :, column] = carried * np.minimum(across + behind, reach[:, j])
+        slides[j], column[j] = not revolute, model.joints[j].idx_v
+        axes[:, j] = rotation[:, j] @ axis
+    _lever_kernel(
+        np.ascontiguousarray(ends), shapes.radius_m, np.ascontiguousarray(origin), axes,
+        _chain(robot, shapes), turn, slides, column, lever,
+    )  # fmt: skip
     return lever
+
+
+@numba.njit(cache=True)
+def _lever_kernel(ends, radius, origin, axes, reach, turn, slides, column, lever):
+    """Fill lever (P, C, n); `reach` (C, J) is 0 where joint j does not carry solid c."""
+    pieces, solids = lever.shape[0], lever.shape[1]
+    joints = reach.shape[1]
+    across = np.empty(pieces + 1)
+    for c in range(solids):
+        for j in range(1, joints):
+            if reach[c, j] <= 0.0:
+                continue
+            if slides[j]:
+                lever[:, c, column[j]] = 1.0
+                continue
+            for k in range(pieces + 1):
+                largest = 0.0
+                for e in range(2):
+                    x = ends[k, c, e, 0] - origin[k, j, 0]
+                    y = ends[k, c, e, 1] - origin[k, j, 1]
+                    z = ends[k, c, e, 2] - origin[k, j, 2]
+                    along = x * axes[k, j, 0] + y * axes[k, j, 1] + z * axes[k, j, 2]
+                    largest = max(largest, x * x + y * y + z * z - along * along)
+                across[k] = np.sqrt(largest) + 1e-9
+            for p in range(pieces):
+                behind = 0.0
+                for k in range(j + 1, joints):
+                    behind += reach[c, k] * turn[p, column[k]]
+                far = max(across[p], across[p + 1]) + radius[c] + behind
+                lever[p, c, column[j]] = min(far, reach[c, j])
 
 
 def _chain(robot: Robot, shapes: ArmShapes) -> np.ndarray:

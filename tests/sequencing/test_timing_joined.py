@@ -15,7 +15,7 @@ from sequencing.timing import run_robot
 from sequencing.timing.cell import load_cell
 from sequencing.timing.joined import write_joined_cell
 from sequencing.timing.schedule import schedule
-from sequencing.timing.verify import check_schedule
+from sequencing.timing.verify import check_fixtures, check_schedule
 
 
 def fake_run(station, stops, weld_s: float, name: str, fingerprint: str | None = None):
@@ -55,18 +55,32 @@ def test_runs_become_a_cell_that_is_timed_without_collisions(tmp_path, runs) -> 
     cell = load_cell(write_joined_cell(tmp_path, tmp_path / "left", tmp_path / "right"))
     assert [len(r.trajectories) for r in cell.robots] == [3, 5]
     assert cell.robots[0].pause_s == (1.5, 1.5, 0.0)
-    assert cell.robots[1].robot.base.translation[0] == 4.5
+    assert cell.robots[1].robot.base.translation[0] == 5.4
     assert {body.name for body in cell.robots[0].tool_bodies} >= {"gun_arm", "gun_tip"}
+    assert len(cell.robots[0].fixtures) == 8
     found = schedule(cell, seed=0)
     fast = found.cases[0]
     assert str(found.status) == "converged"
+    assert found.fixture_contacts == ()
+    assert found.order is None  # welding robots stand still: no windows
     assert found.energy_j < fast.energy_j
     assert check_schedule(cell, found.start_s, found.override) == []
+    assert check_fixtures(cell) == []
     end = found.start_s + found.duration_s
     for r, item in enumerate(cell.robots):
         a, b = cell.first[r], cell.first[r + 1]
         rest = found.start_s[a + 1 : b] - end[a : b - 1]
         assert (rest >= np.array(item.pause_s[:-1]) - 1e-9).all()
+
+
+def test_an_arm_in_the_other_stations_fixtures_is_seen(tmp_path, runs) -> None:
+    """No timing mends it, so there is no answer, and the contact is named."""
+    cell = load_cell(write_joined_cell(tmp_path, tmp_path / "left", tmp_path / "right", 2.6))
+    contacts = check_fixtures(cell)
+    assert any(contact.collides for contact in contacts)
+    # Moved with its robot: the right station's ground lies under the right robot.
+    ground = next(b for b in cell.robots[1].fixtures if b.name == "ground")
+    np.testing.assert_allclose(ground.pose[:2, 3], [2.6 - 1.2, 0.15], atol=1e-9)
 
 
 def test_an_unknown_tool_is_refused_rather_than_left_out(tmp_path, runs) -> None:
@@ -88,3 +102,5 @@ def test_two_planned_stations_are_timed_on_one_link(tmp_path) -> None:
     assert str(found.status) == "converged"
     assert found.energy_j < found.cases[0].energy_j
     assert check_schedule(cell, found.start_s, found.override) == []
+    assert check_fixtures(cell) == []
+    assert found.fixture_contacts == ()
