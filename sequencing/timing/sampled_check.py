@@ -1,10 +1,13 @@
 """The paper's collision routine: all samples of a timed trajectory, broad times narrow phase.
 
 Broad phases: `ssap` (sweep and prune), `aabb_tree` (dynamic tree), `obb` (all pairs of oriented
-boxes by separating axes), `none`. Narrow phases: `gjk`, `gjk_nesterov` (on the solids), `bvh`
+boxes by separating axes), `capsules` (all samples at once, compiled: only pairs whose covering
+capsules meet go on), `none`. Narrow phases: `gjk`, `gjk_nesterov` (on the solids), `bvh`
 (triangle meshes; stands in for V-Clip, which no wheel offers). `schedule` uses coordination maps
 instead; this is here to be measured against them and for cells whose paths change.
 """
+
+# mypy: disallow-untyped-defs=False
 
 from __future__ import annotations
 
@@ -12,16 +15,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import coal
+import numba
 import numpy as np
 
 from planning.shapes import Body
 from sequencing.timing.arm_shapes import ArmShapes, arm_shapes, body_shapes, joint_frames
 from sequencing.timing.cell_types import CellRobot
 from sequencing.timing.obb import boxes_overlap
+from sequencing.timing.segment_distance import segment_distance
 
 __all__ = ["BROAD", "NARROW", "SampledCheck"]
 
-BROAD = ("ssap", "aabb_tree", "obb", "none")
+BROAD = ("ssap", "aabb_tree", "obb", "capsules", "none")
 NARROW = ("gjk", "gjk_nesterov", "bvh")
 
 
@@ -58,6 +63,7 @@ class SampledCheck:
         for r, shapes in enumerate(self.shapes):
             self.things.append([_thing(r, solid, narrow) for solid in shapes.solids])
         scene = body_shapes(obstacles) if obstacles else None
+        self.scene = scene
         self.static: list[_Thing] = []
         if scene is not None:
             for solid, pose in zip(scene.solids, scene.pose):
@@ -85,19 +91,54 @@ class SampledCheck:
         `q_rad` holds one array (K, n) a robot, sampled at the same K instants.
         """
         frames = [joint_frames(r.robot, q) for r, q in zip(self.robots, q_rad)]
+        if self.broad == "capsules":
+            return self._first_by_capsules(frames)
         for k in range(len(q_rad[0])):
-            for group, shapes, (rotation, origin) in zip(self.things, self.shapes, frames):
+            for group, shapes, frame in zip(self.things, self.shapes, frames):
                 for c, thing in enumerate(group):
-                    j, pose = shapes.joint[c], shapes.pose[c]
-                    turn = rotation[k, j]
-                    thing.obj.setTransform(
-                        coal.Transform3s(turn @ pose[:3, :3], turn @ pose[:3, 3] + origin[k, j])
-                    )
+                    self._place(thing, shapes, frame, c, k)
                     if self.managers:
                         thing.obj.computeAABB()
             if self._collides():
                 return k
         return -1
+
+    def _first_by_capsules(self, frames: list[tuple[np.ndarray, np.ndarray]]) -> int:
+        ends, radii, groups = [], [], list(self.things)
+        for shapes, (rotation, origin) in zip(self.shapes, frames):
+            turn, joint = rotation[:, shapes.joint], shapes.joint
+            # (K, C, 2, 3): both capsule ends of every solid at every sample.
+            placed = shapes.ends_m @ np.swapaxes(turn, 2, 3) + origin[:, joint, None]
+            ends.append(np.ascontiguousarray(placed))
+            radii.append(shapes.radius_m)
+        if self.scene is not None:
+            ends.append(self.scene.ends_m[None])
+            radii.append(self.scene.radius_m)
+            groups.append(self.static)
+        near = []
+        for i in range(len(self.shapes)):
+            for j in range(i + 1, len(groups)):
+                rows = _near_capsules(ends[i], radii[i], ends[j], radii[j])
+                near += [(k, i, c, j, d) for k, c, d in rows.tolist()]
+        result = coal.CollisionResult()
+        for k, i, c, j, d in sorted(near):
+            for g, s in ((i, c), (j, d)):
+                if g < len(self.shapes):
+                    self._place(groups[g][s], self.shapes[g], frames[g], s, k)
+            result.clear()
+            if coal.collide(groups[i][c].obj, groups[j][d].obj, self.request, result):
+                return int(k)
+        return -1
+
+    @staticmethod
+    def _place(
+        thing: _Thing, shapes: ArmShapes, frames: tuple[np.ndarray, np.ndarray], c: int, k: int
+    ) -> None:
+        j, pose = shapes.joint[c], shapes.pose[c]
+        turn = frames[0][k, j]
+        thing.obj.setTransform(
+            coal.Transform3s(turn @ pose[:3, :3], turn @ pose[:3, 3] + frames[1][k, j])
+        )
 
     def _collides(self) -> bool:
         if self.managers:
@@ -123,6 +164,37 @@ class SampledCheck:
                         if coal.collide(a.obj, b.obj, self.request, result):
                             return True
         return False
+
+
+@numba.njit(cache=True)
+def _near_capsules(ends_a, radius_a, ends_b, radius_b):
+    """Rows (sample, solid of a, solid of b) whose capsules meet; b may have one sample only."""
+    samples = ends_a.shape[0]
+    moving = ends_b.shape[0] > 1
+    out = np.empty((samples * len(radius_a) * len(radius_b), 3), dtype=np.int64)
+    count = 0
+    for k in range(samples):
+        m = k if moving else 0
+        for c in range(len(radius_a)):
+            for d in range(len(radius_b)):
+                reach = radius_a[c] + radius_b[d]
+                # The middles first: cheap, and far apart for most pairs.
+                gap = 0.0
+                half = 0.0
+                for x in range(3):
+                    one = ends_a[k, c, 1, x] - ends_a[k, c, 0, x]
+                    two = ends_b[m, d, 1, x] - ends_b[m, d, 0, x]
+                    middle = ends_a[k, c, 0, x] - ends_b[m, d, 0, x] + 0.5 * (one - two)
+                    gap += middle * middle
+                    half += one * one + two * two
+                # (a + b)^2 <= 2 (a^2 + b^2) bounds the sum of the half lengths.
+                far = reach + np.sqrt(0.5 * half)
+                if gap > far * far:
+                    continue
+                if segment_distance(ends_a[k, c], ends_b[m, d]) <= reach:
+                    out[count, 0], out[count, 1], out[count, 2] = k, c, d
+                    count += 1
+    return out[:count]
 
 
 def _near(a: _Thing, b: _Thing) -> bool:

@@ -23,7 +23,7 @@ from sequencing.nodes import station_nodes
 from sequencing.run_files import write_run
 from sequencing.store import EdgeStore
 
-STOP = PlanStop(training_edges=10, baseline_draws=2)
+STOP = PlanStop(training_edges=10, coverage_edges=6, baseline_draws=2)
 
 
 def small_station(count: int = 3, spin_steps: int = 3) -> Station:
@@ -192,7 +192,7 @@ def _tour_cost(oracle: StationEdges, order: tuple[int, ...]) -> float:
 
 def test_boxes_end_certified() -> None:
     cycle = plan_station(
-        small_station(2, 2), method="boxes", stop=PlanStop(training_edges=3, baseline_draws=1)
+        small_station(2, 2), method="boxes", stop=PlanStop(training_edges=3, coverage_edges=2, baseline_draws=1)
     )
     assert cycle.method == "boxes"
     assert all(item.motion.certified for item in cycle.motions)

@@ -1,4 +1,4 @@
-"""The speed bound is never above a solved motion; the straight-line cost is what it says."""
+"""The power bound is never above a solved motion; the straight-line cost is what it says."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from dmoc.cost import Cost
 from dmoc.motion import MotionProblem
 from dmoc.robot import load_robot
 from dmoc.solver import solve
-from sequencing.estimates import speed_bound, straight_line, travel_time
+from sequencing.bounds import power_bound
+from sequencing.bounds.curves import shortest_time
+from sequencing.estimates import straight_line
 
 
 @pytest.fixture(scope="module")
@@ -27,35 +29,57 @@ def test_bound_is_below_solved_motions(robot) -> None:
     cost = Cost(torque_smoothing=0.0)
     starts, goals = _pairs(robot, 6, 11)
     waypoints = np.stack([starts, starts, goals, goals], axis=1)
-    bounds = speed_bound(robot, cost, waypoints)
+    bounds = power_bound(robot, cost, waypoints)
     for start, goal, bound in zip(starts, goals, bounds):
         motion = solve(MotionProblem(robot, start, goal, cost, num_intervals=20)).require()
         assert 0 < bound <= motion.cost
 
 
-def test_bound_is_the_minimum_over_the_duration(robot) -> None:
-    cost = Cost(time=2.0, velocity=0.7)
+def test_bound_is_the_minimum_over_duration_and_speed(robot) -> None:
+    """Closed form against a fine search over T and A ≥ ℓ²/T."""
+    import pinocchio as pin
+
+    data = robot.model.createData()
     starts, goals = _pairs(robot, 20, 5)
     waypoints = np.stack([starts, goals], axis=1)
-    least = travel_time(robot, starts, goals)
-    for k, bound in enumerate(speed_bound(robot, cost, waypoints)):
-        durations = least[k] + np.linspace(0.0, 30.0, 300_001)
-        length = np.linalg.norm(goals[k] - starts[k])
-        brute = np.min(cost.time * durations + cost.velocity * length**2 / durations)
-        assert bound == pytest.approx(brute, rel=1e-6)
+    least = shortest_time(robot, np.abs(goals - starts))
+    for cost in (Cost(time=2.0, velocity=0.7), Cost(effort=1e-3), Cost(velocity=1e-3, effort=1.0)):
+        for k, bound in enumerate(power_bound(robot, cost, waypoints)):
+            durations = least[k] + np.concatenate([[0.0], np.geomspace(1e-6, 1e3, 40_001)])
+            square = np.sum((goals[k] - starts[k]) ** 2)
+            ends = (starts[k], goals[k])
+            energy = np.diff([pin.computePotentialEnergy(robot.model, data, q) for q in ends])[0]
+            liked = np.sqrt(cost.effort / cost.velocity) * abs(energy)
+            area = np.maximum(square / durations, liked)
+            values = cost.time * durations + cost.velocity * area + cost.effort * energy**2 / area
+            assert bound == pytest.approx(np.min(values), rel=1e-5)
+
+
+def test_shortest_time_is_reached_by_a_trapezoid(robot) -> None:
+    v, a = robot.velocity_limit_rad_s, robot.acceleration_limit_rad_s2
+    for way in (0.01, 0.3, 3.0):
+        time = shortest_time(robot, np.full((1, 6), way))[0]
+        covered = np.array([
+            2 * np.trapezoid(np.minimum(a[j] * (t := np.linspace(0, time / 2, 20_001)), v[j]), t)
+            for j in range(6)
+        ])  # fmt: skip
+        assert covered.min() == pytest.approx(way, rel=1e-6)
 
 
 def test_longer_polygons_cost_no_less(robot) -> None:
     starts, goals = _pairs(robot, 30, 7)
     middle = 0.5 * (starts + goals) + 0.2
-    direct = speed_bound(robot, Cost(), np.stack([starts, goals], axis=1))
-    via = speed_bound(robot, Cost(), np.stack([starts, middle, goals], axis=1))
+    direct = power_bound(robot, Cost(), np.stack([starts, goals], axis=1))
+    via = power_bound(robot, Cost(), np.stack([starts, middle, goals], axis=1))
     assert np.all(via >= direct)
 
 
-def test_no_price_of_time_gives_the_trivial_bound(robot) -> None:
+def test_prices_of_zero_are_allowed(robot) -> None:
     starts, goals = _pairs(robot, 3, 1)
-    assert np.all(speed_bound(robot, Cost(time=0.0), np.stack([starts, goals], 1)) == 0)
+    waypoints = np.stack([starts, goals], 1)
+    assert np.all(power_bound(robot, Cost(time=0.0, effort=0.0), waypoints) == 0)
+    least = shortest_time(robot, np.abs(goals - starts))
+    np.testing.assert_allclose(power_bound(robot, Cost(velocity=0.0), waypoints), least)
 
 
 def test_straight_line_cost_equals_its_integral(robot) -> None:
@@ -83,7 +107,7 @@ def test_straight_line_cost_equals_its_integral(robot) -> None:
 def test_straight_line_duration_is_the_best_one(robot) -> None:
     starts, goals = _pairs(robot, 10, 9)
     line = straight_line(robot, Cost(), starts, goals)
-    fastest = 1.875 * travel_time(robot, starts, goals)
+    fastest = 1.875 * np.max(np.abs(goals - starts) / robot.velocity_limit_rad_s, axis=1)
     for factor in (0.97, 1.03):
         other = line.duration_s * factor
         value = line.alpha * other + line.beta / other + line.gamma / other**3

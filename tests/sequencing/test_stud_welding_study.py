@@ -66,9 +66,6 @@ class FakeEdges:
     def __init__(self, true) -> None:
         self.true, self.costs, self.asked = true, {}, 0
 
-    def bound(self, pairs):
-        return np.zeros(len(pairs))
-
     def evaluate(self, pairs):
         for i, j in pairs:
             pair = (min(i, j), max(i, j))

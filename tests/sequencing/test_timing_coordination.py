@@ -15,6 +15,7 @@ from sequencing.timing.arm_shapes import arm_shapes, coal_solid, joint_frames
 from sequencing.timing.cell import Cell, CellRobot
 from sequencing.timing.dc_link import LinkParams
 from sequencing.timing.prepared import Geometry
+from sequencing.timing.sampled_check import SampledCheck
 from sequencing.timing.segment_distance import segment_distance
 from sequencing.timing.swept import swept_path
 from sequencing.timing.verify import check_schedule
@@ -197,3 +198,34 @@ def test_unknown_shapes_are_refused() -> None:
 
     with pytest.raises(ProblemError, match="shape"):
         coal_solid(Shape("mesh", vertices_m=np.zeros((3, 3))))
+
+
+@pytest.mark.slow
+def test_no_false_free_in_ten_thousand_random_timings() -> None:
+    """Timings that the maps call free, at 200 instants each, against every pair of exact solids."""
+    called, total = 0, 0
+    for seed in range(20):
+        cell = crossing_cell(seed)
+        flat = np.array([t.duration_s for r in cell.robots for t in r.trajectories])
+        length = 1.8 * flat.max()
+        geometry = Geometry(cell)
+        geometry.sharpen([(0, 1)])
+        rng = np.random.default_rng([seed, 1])
+        override = rng.uniform(0.4, 1.0, (500, 2))
+        start = rng.uniform(0, 1, (500, 2)) * np.maximum(length - flat / override, 0.0)
+        timing = np.stack([start, override], axis=1)
+        free = geometry.window([0, 1], length).free(timing)
+        total += len(free)
+        check = SampledCheck(cell.robots, (), "capsules", "gjk")
+        t = np.linspace(0, length, 200)
+        for begin, speed in timing[free]:
+            q = [
+                item.trajectories[0].sample(
+                    np.clip((t - b) * v, 0, item.trajectories[0].duration_s)
+                )
+                for item, b, v in zip(cell.robots, begin, speed)
+            ]
+            called += 1
+            assert check.first_collision([state.q_rad for state in q]) < 0
+    assert total == 10_000
+    assert 1000 < called < 9000
