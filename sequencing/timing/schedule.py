@@ -210,7 +210,7 @@ def schedule_to_dict(found: Schedule) -> dict[str, Any]:
     return {
         "cell": found.cell.name,
         "status": str(found.status),
-        "advice": found.status.advice,
+        "advice": _advice(found),
         "best": found.best,
         "energy_j": found.energy_j,
         "cases": [
@@ -247,6 +247,21 @@ def schedule_to_dict(found: Schedule) -> dict[str, Any]:
     }
 
 
+def _advice(found: Schedule) -> str:
+    """What to do with the answer."""
+    if found.fixture_contacts:
+        return (
+            "A path meets the part or fixtures of another station (fixture_contacts); no timing "
+            "mends that: move the stations apart, or plan again."
+        )
+    if found.status is Status.IN_COLLISION:
+        return (
+            "Every timing collides (contacts name who and when): give the robots other paths, "
+            "hand-overs or places."
+        )
+    return "A local optimum, free of collisions in continuous time; use it."
+
+
 def _order_to_dict(found: Schedule) -> dict[str, Any]:
     """What the first level chose; `sequence` is the order of the best case, by given numbers."""
     first = found.cell.first
@@ -257,7 +272,7 @@ def _order_to_dict(found: Schedule) -> dict[str, Any]:
     }
     level = found.order
     if level is None:
-        return {"method": "none", "reason": "windows cannot be used", "sequence": sequence}
+        return {"method": "none", "reason": "no windows fit (standstill, time or collisions)", "sequence": sequence}
     names = [f"{robot.name}/{k}" for robot in found.cell.robots for k in range(len(robot.labels))]
     return {
         "method": level.method,

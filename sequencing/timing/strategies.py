@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dmoc.swarm import SwarmParams
 from sequencing.timing.cell_types import Cell
 from sequencing.timing.optimise import DEFAULT_SEARCH, SearchParams, TimingResult, optimise_timing
 from sequencing.timing.path_power import MIN_OVERRIDE
@@ -24,6 +25,9 @@ __all__ = [
     "Timing", "Windows", "fast_timing", "general_timing", "make_windows", "owners",
     "standing_of", "stretched_timing", "window_graph", "window_result", "window_timing",
 ]  # fmt: skip
+
+
+_SWARM_VARIABLES = 40  # more, and a swarm finds nothing in reasonable time
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,8 +236,42 @@ def general_timing(
 
     Gradient descent over everything from `start` and from `others` (any schedules of the same total
     time); trajectories that then meet are put back to where `start` has them and frozen, and the
-    rest is optimised again, until what remains is an allowed schedule.
+    rest is optimised again, until what remains is an allowed schedule. Where that froze something
+    and the cell is small, the swarm then looks for a way round the collisions.
     """
+    found = _thawed(prepared, start, seed, geometry, others, iterations, rounds)
+    size = prepared.cell.first[-1]
+    if geometry is None or not found.frozen or 2 * size > _SWARM_VARIABLES:
+        return found.timing
+    graph = whole_graph(prepared, start.total_s)
+    line, crossings = prepared.timeline(start.total_s), geometry.crossings(start.total_s)
+    begin = [encode(graph, t.start_s, t.override) for t in (found.timing, start)]
+    params = replace(DEFAULT_SEARCH, method="swarm", swarm=SwarmParams(particles=24, iterations=60))
+    around = optimise_timing(line, graph, seed, crossings.free, params, np.array(begin))
+    spent = found.timing.evaluations + around.evaluations
+    if not np.isfinite(around.value_j):
+        return replace(found.timing, evaluations=spent)
+    return Timing(around.start_s, around.override, start.total_s, spent)
+
+
+@dataclass(frozen=True, eq=False)
+class _Thawed:
+    """An allowed schedule and how many trajectories it had to hold in place."""
+
+    timing: Timing
+    frozen: int
+
+
+def _thawed(
+    prepared: PreparedCell,
+    start: Timing,
+    seed: int,
+    geometry: Geometry | None,
+    others: Sequence[Timing],
+    iterations: int,
+    rounds: int,
+) -> _Thawed:
+    """Gradient descent with freezing, see `general_timing`."""
     params = SearchParams(method="gradient", gradient_starts=1, gradient_iterations=iterations)
     line = prepared.timeline(start.total_s)
     crossings = None if geometry is None else geometry.crossings(start.total_s)
@@ -252,7 +290,7 @@ def general_timing(
             crossings = geometry.crossings(start.total_s)
             meeting = crossings.collisions(best.start_s, best.override)
         if not meeting:
-            return best
+            return _Thawed(best, len(frozen))
         grown = {k for pair in meeting for k in pair}
         if grown <= set(frozen):
             # They stand where they did, so somebody left earlier or later: hold the neighbours too.
@@ -261,4 +299,4 @@ def general_timing(
             break
         for k in grown:
             frozen[k] = (float(start.start_s[k]), float(flat[k] / start.override[k]))
-    return replace(start, evaluations=spent)
+    return _Thawed(replace(start, evaluations=spent), len(frozen))

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from timing_cells import reaching, stops, two_arms
 
 import planning
 from dmoc.errors import InputError
 from planning.stations.pallet_cell.author import author
 from sequencing.timing.cell import load_cell
 from sequencing.timing.cell_file import cell_schema
+from sequencing.timing.path_power import drive_of
 from sequencing.timing.prepared import prepare_cell
 from sequencing.timing.schedule import schedule, schedule_to_dict
 from sequencing.timing.strategies import make_windows
@@ -118,6 +120,55 @@ def test_separate_links_never_need_less_than_a_common_one(small) -> None:
     one = prepare_cell(common).evaluate(start, fast, total).link_j
     three = prepare_cell(apart).evaluate(start, fast, total).link_j
     assert one <= three + 1e-6
+
+
+def test_where_full_speed_collides_waiting_parts_the_robots_and_the_rest_still_saves() -> None:
+    cell = two_arms(reaching(2), reaching(1), 1.5, facing=True, clearance_m=0.03)
+    found = schedule(cell, seed=0)
+    cases = {case.name: case for case in found.cases}
+    assert cases["as-fast-as-possible"].collisions > 0
+    assert cases["separated"].collisions == 0
+    assert str(found.status) == "converged"
+    assert found.best == "general"
+    # Freezing what meets would leave next to nothing; the swarm goes round the collision.
+    assert cases["general"].energy_j < 0.97 * cases["separated"].energy_j
+    assert check_schedule(cell, found.start_s, found.override) == []
+
+
+def test_robots_inside_each_other_have_no_schedule() -> None:
+    found = schedule(two_arms(stops(1, 3), stops(2, 3), 0.1), seed=0)
+    assert str(found.status) == "in_collision"
+    assert all(case.collisions > 0 for case in found.cases)
+    assert "contacts" in schedule_to_dict(found)["advice"]
+
+
+def test_without_slack_nothing_is_delayed() -> None:
+    chain = tuple((k, k + 3) for k in range(3)) + tuple((k + 3, k + 1) for k in range(2))
+    cell = two_arms(stops(1, 4), stops(2, 4), handovers=chain)
+    found = schedule(cell, seed=0)
+    fast = found.cases[0]
+    assert str(found.status) == "converged"
+    np.testing.assert_allclose(found.override, 1.0, atol=1e-6)
+    assert found.energy_j == pytest.approx(fast.energy_j, rel=1e-6)
+
+
+def test_robots_of_two_makes_on_links_of_their_own() -> None:
+    cell = two_arms(stops(1, 3), stops(2, 3))
+    other = pallet_cell().robots[0]
+    big = replace(
+        other, trajectories=other.trajectories[:2], loaded=other.loaded[:2],
+        labels=other.labels[:2], pause_s=other.pause_s[:2], wrench=other.wrench[:2],
+        robot=other.robot,
+    )  # fmt: skip
+    mixed = replace(
+        cell, robots=(cell.robots[0], big), links=cell.links * 2, link_of=(0, 1), base_load_w=350.0
+    )
+    found = schedule(mixed, seed=0)
+    assert str(found.status) == "converged"
+    for item in found.cases:
+        constant = item.total_j - item.energy_j
+        watts = 350.0 + sum(drive_of(r.robot).base_power_w for r in mixed.robots)
+        assert constant == pytest.approx(watts * item.timing.total_s)
 
 
 def write_cell(folder: Path, change) -> Path:

@@ -20,13 +20,16 @@ def two_arms(
     handovers: tuple[tuple[int, int], ...] = (),
     free_order: tuple[bool, bool] = (False, False),
     capacitance_f: float = 2e-4,
+    facing: bool = False,
+    clearance_m: float = 0.01,
 ) -> Cell:
     """Two arms `apart_m` apart that run trapezoids through the joint vectors given (K, 6)."""
     robots = []
     for name, stops, x, free in zip(
         ("left", "right"), (left, right), (0.0, apart_m), free_order, strict=True
     ):
-        arm = ARM.with_base(pin.SE3(np.eye(3), np.array([x, 0.0, 0.0])))
+        turn = pin.utils.rotate("z", np.pi) if facing and name == "right" else np.eye(3)
+        arm = ARM.with_base(pin.SE3(turn, np.array([x, 0.0, 0.0])))
         motions = tuple(trapezoid_motion(arm, a, b) for a, b in itertools.pairwise(stops))
         count = len(motions)
         robots.append(
@@ -36,7 +39,7 @@ def two_arms(
             )
         )  # fmt: skip
     link = LinkParams(capacitance_f=capacitance_f)
-    return Cell("two-arms", tuple(robots), (), handovers, (link,), (0, 0), 0.0, 0.01)
+    return Cell("two-arms", tuple(robots), (), handovers, (link,), (0, 0), 0.0, clearance_m)
 
 
 def stops(seed: int, count: int, reach_rad: float = 1.0) -> np.ndarray:
@@ -50,3 +53,15 @@ def round_trips(seed: int, jobs: int) -> np.ndarray:
     """Joint vectors of `jobs` trips from one home and back, each through one place."""
     home, *places = stops(seed, jobs + 1)
     return np.array([home, *itertools.chain(*([place, home] for place in places))])
+
+
+def reaching(times: int) -> np.ndarray:
+    """Joint vectors of an upright arm that reaches forward to one side and back, `times` times."""
+    up = np.array([0.0, -1.57, 0.0, 0.0, 0.0, 0.0])
+    rows = [up]
+    for k in range(times):
+        out, back = up.copy(), up.copy()
+        out[:2] = np.pi + (-1) ** k * 1.2, -0.3
+        back[:2], back[5] = (np.pi, -1.5), 0.1 * k
+        rows += [out, back]
+    return np.array(rows)
