@@ -76,9 +76,8 @@ def joint_travel(trajectory: JointTrajectory, t_s: np.ndarray) -> np.ndarray:
     width = right - left
     # Samples just inside a piece, so that both belong to the same cubic.
     nudge = 1e-9 * width
-    v0 = trajectory.sample(left + nudge).velocity_rad_s
-    v1 = trajectory.sample(right - nudge).velocity_rad_s
-    middle = trajectory.sample(0.5 * (left + right)).velocity_rad_s
+    times = np.concatenate([left + nudge, right - nudge, 0.5 * (left + right)])
+    v0, v1, middle = np.split(trajectory.sample(times).velocity_rad_s, 3)
     control = 2.0 * middle - 0.5 * (v0 + v1)
     bound = np.maximum(np.maximum(np.abs(v0), np.abs(v1)), np.abs(control)) * (1 + 1e-6)
     piece = np.clip(np.searchsorted(t_s, 0.5 * (left + right)) - 1, 0, len(t_s) - 2)

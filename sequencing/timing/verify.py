@@ -61,6 +61,7 @@ class _Actor:
         self.trajectories: Sequence[JointTrajectory] = ()
         self.start: np.ndarray = np.zeros(0)
         self.override: np.ndarray = np.ones(0)
+        self._made: dict[int, coal.Transform3s] = {}
         if robot is not None:
             self.data = robot.model.createData()
             self.reach = reaches(robot, shapes)
@@ -80,6 +81,7 @@ class _Actor:
 
     def place(self, t: float) -> np.ndarray:
         """Capsule ends (C, 2, 3) in the world at time t."""
+        self._made.clear()
         if self.robot is None:
             return self.ends
         k = self.active(t)
@@ -106,6 +108,12 @@ class _Actor:
         return self.reach @ turn[0]
 
     def transform(self, c: int) -> coal.Transform3s:
+        """World placement of a solid at the time of the last `place`."""
+        if c not in self._made:
+            self._made[c] = self._transform(c)
+        return self._made[c]
+
+    def _transform(self, c: int) -> coal.Transform3s:
         pose = self.shapes.pose[c]
         if self.robot is None:
             return coal.Transform3s(pose[:3, :3], pose[:3, 3])
