@@ -11,7 +11,7 @@ from sequencing.commands.console import Console, Outcome, save_json
 from sequencing.report.tables import markdown_table, number
 from sequencing.timing import run_schedule
 
-__all__ = ["cases_table", "run_schedule_command"]
+__all__ = ["cases_table", "remarks", "run_schedule_command"]
 
 
 def run_schedule_command(console: Console, cell: str, seed: int, out: Path | None) -> Outcome:
@@ -20,8 +20,33 @@ def run_schedule_command(console: Console, cell: str, seed: int, out: Path | Non
     data = run_schedule(embedded if embedded.is_file() else cell, seed, progress=console.say)
     console.show(cases_table(data["cases"]))
     console.show(f"best: {data['best']}, {number(data['energy_j'])} J")
+    for line in remarks(data):
+        console.show(line)
     save_json(out, "schedule.json", data)
     return Outcome(data, 0 if data["status"] == Status.CONVERGED else 3)
+
+
+def remarks(data: dict[str, Any]) -> list[str]:
+    """What else an engineer should see: the first level, and contacts that no timing mends."""
+    order, lines = data["order"], []
+    if order["method"] == "none":
+        lines.append(f"order: {order['reason']}")
+    else:
+        found = "other windows or orders" if order["changed"] else "nothing better than the given"
+        proof = "proven" if order["proven"] else "not proven"
+        lines.append(
+            f"order: {found} ({order['method']}, {proof}; {order['orders']:.0f} orders, "
+            f"{order['alignments']} windows in time)"
+        )
+    for name, what in (
+        ("fixture_contacts", "the part or fixtures of another station"),
+        ("obstacle_contacts", "an obstacle"),
+    ):
+        if data[name]:
+            lines.append(f"warning: a path meets {what}, whatever the timing: {data[name][0]}")
+    if data["status"] != Status.CONVERGED:
+        lines.append(data["advice"])
+    return lines
 
 
 def cases_table(cases: list[dict[str, Any]]) -> str:

@@ -272,7 +272,11 @@ def _order_to_dict(found: Schedule) -> dict[str, Any]:
     }
     level = found.order
     if level is None:
-        return {"method": "none", "reason": "no windows fit (standstill, time or collisions)", "sequence": sequence}
+        return {
+            "method": "none",
+            "reason": "no windows fit (standstill, time or collisions)",
+            "sequence": sequence,
+        }
     names = [f"{robot.name}/{k}" for robot in found.cell.robots for k in range(len(robot.labels))]
     return {
         "method": level.method,

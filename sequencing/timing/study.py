@@ -11,12 +11,22 @@ import numpy as np
 
 import planning
 from sequencing.timing.cell import Cell, load_cell
+from sequencing.timing.first_level import first_level
+from sequencing.timing.jobs import rearranged
 from sequencing.timing.optimise import DEFAULT_SEARCH
 from sequencing.timing.prepared import Geometry, PreparedCell, prepare_cell
 from sequencing.timing.schedule import schedule, schedule_to_dict
 from sequencing.timing.slack import decode_batch, slack_graph
-from sequencing.timing.strategies import fast_timing, make_windows, stretched_timing, window_timing
+from sequencing.timing.strategies import (
+    Timing,
+    fast_timing,
+    general_timing,
+    make_windows,
+    stretched_timing,
+    window_timing,
+)
 from sequencing.timing.timeline import cost_batch
+from sequencing.timing.verify import check_schedule
 
 __all__ = ["capacity_sweep", "pallet_cell", "run_pallet_cell_study", "solution_space", "traces"]
 
@@ -36,7 +46,9 @@ def run_pallet_cell_study(
 
     `cases` as in `run_schedule`; `paper` the published numbers beside them; `traces` grid and robot
     powers of one window as in Fig. 5; `capacity` the sweep that tells when matching braking to
-    acceleration pays. `trajectories` keeps only that many of each robot (reduced mode).
+    acceleration pays; `free_order` what the first level would save if the robots' turns stayed and
+    the order of their boxes were free. `trajectories` keeps only that many of each robot (reduced
+    mode).
     """
     cell = (
         pallet_cell() if trajectories is None else first_trajectories(pallet_cell(), trajectories)
@@ -54,7 +66,53 @@ def run_pallet_cell_study(
     if progress is not None:
         progress("capacity sweep")
     data["capacity"] = capacity_sweep(cell, seed, capacities_f)
+    if progress is not None:
+        progress("free order")
+    data["free_order"] = free_order(cell, seed)
     return data
+
+
+def free_order(cell: Cell, seed: int) -> dict[str, Any]:
+    """The first level on `cell` if each robot could run its jobs in any order.
+
+    Turns stay: a hand-over from a robot's k-th trajectory is one from whatever it runs k-th. The
+    process time stays. Energies are of the windows, timed with collisions, and of the general
+    problem from there, beside those windows in the given order.
+    """
+    robots = tuple(replace(item, free_order=True) for item in cell.robots)
+    prepared = prepare_cell(replace(cell, robots=robots, handovers=()))
+    given = make_windows(prepare_cell(cell))
+    if given is None:
+        return {"method": "none"}
+    total = float(given.edges_s[-1])
+    geometry = Geometry(prepared.cell)
+    before = window_timing(prepared, given, seed, geometry)
+    rows: dict[str, Any] = {"given_windows_j": _energy_j(prepared, before)}
+    level = first_level(prepared, total, seed, geometry)
+    if level is None or not level.changed:
+        return {**rows, "method": "none" if level is None else level.method, "changed": False}
+    turned = rearranged(prepared, level.order)
+    turned = replace(turned, cell=replace(turned.cell, handovers=cell.handovers))
+    windows = make_windows(turned, None, total)
+    if windows is None or float(windows.edges_s[-1]) > total * (1.0 + 1e-9):
+        return {**rows, "method": level.method, "changed": False}
+    its = Geometry(turned.cell)
+    after = window_timing(turned, windows, seed, its)
+    rows["windows_j"] = _energy_j(turned, after)
+    rows["windows_collisions"] = len(check_schedule(turned.cell, after.start_s, after.override))
+    if rows["windows_collisions"] == 0:
+        whole = general_timing(turned, after, seed, its)
+        rows["general_j"] = _energy_j(turned, whole)
+        rows["general_collisions"] = len(check_schedule(turned.cell, whole.start_s, whole.override))
+    return {
+        **rows, "method": level.method, "changed": True, "orders": level.orders,
+        "windows_valued": level.valued, "estimate_j": level.estimate_j,
+        "sequence": {item.name: list(own) for item, own in zip(cell.robots, level.order)},
+    }  # fmt: skip
+
+
+def _energy_j(prepared: PreparedCell, timing: Timing) -> float:
+    return prepared.evaluate(timing.start_s, timing.override, timing.total_s).link_j
 
 
 def first_trajectories(cell: Cell, count: int) -> Cell:

@@ -48,9 +48,9 @@ class Contact:
         return self.distance_m <= 0.0
 
     def __str__(self) -> str:
-        return (
-            f"{self.time_s:.3f} s: {self.first} {self.solids[0]} and {self.second} {self.solids[1]}"
-        )
+        one, two = self.solids
+        other = two if two == self.second else f"{self.second} {two}"
+        return f"{self.time_s:.3f} s: {self.first} {one} and {other}"
 
 
 class _Actor:
