@@ -106,6 +106,27 @@ def init(
 
 
 @app.command()
+def place(
+    station: Annotated[str, typer.Argument(help="station.yaml, its folder, or an embedded name.")],
+    span: Annotated[float, typer.Option(help="How far the base may be shifted [m].")] = 0.4,
+    step: Annotated[float, typer.Option(help="Step of the grid [m].")] = 0.2,
+    yaw: Annotated[float, typer.Option(help="How far the base may be turned [°].")] = 0.0,
+    yaw_step: Annotated[float, typer.Option(help="Step of the turns [°].")] = 15.0,
+    seed: Seed = 0,
+    out: Out = None,
+    workers: Workers = 0,
+    json: Json = False,
+) -> None:
+    """Where the robot would stand better: reach and estimated cost on a grid of places."""
+    from sequencing.commands.place import run_place
+
+    _finish(
+        json,
+        lambda console: run_place(console, station, span, step, yaw, yaw_step, seed, out, workers),
+    )
+
+
+@app.command()
 def solve(
     start: Annotated[str, typer.Option(help="Joint vector a,b,… [rad].")],
     goal: Annotated[str, typer.Option(help="Joint vector a,b,… [rad].")],
@@ -166,7 +187,7 @@ def study(
     name: Annotated[str, typer.Argument(help="stud-welding, pallet-cell or ur3.")],
     station: Annotated[str, typer.Option(help="Station of stud-welding: A, B or C.")] = "A",
     reduced: Annotated[
-        bool, typer.Option("--reduced", help="Stud-welding: four studs, in seconds.")
+        bool, typer.Option("--reduced", help="Few cases, in about a minute (stud-welding, ur3).")
     ] = False,
     seed: Seed = 0,
     out: Out = None,

@@ -40,11 +40,11 @@ def measured_markdown(data: Mapping[str, Any]) -> str:
             ]
     parts.append(markdown_table(header, rows))
     energy = data["energy"]
-    rows = [
-        ["DC energy, base load included [J]", energy["planned_with_base_j"], energy["logged_dc_j"]],
-        ["sum of I·V [J]", energy["planned_iv_signed_j"], energy["logged_iv_signed_j"]],
-        ["sum of abs(I)·V [J]", energy["planned_iv_absolute_j"], energy["logged_iv_absolute_j"]],
-    ]
-    table = [[name, number(planned), number(logged)] for name, planned, logged in rows]
+    names = (
+        ("DC energy, base load included [J]", "planned_with_base_j", "logged_dc_j"),
+        ("sum of I·V [J]", "planned_iv_signed_j", "logged_iv_signed_j"),
+        ("sum of abs(I)·V [J]", "planned_iv_absolute_j", "logged_iv_absolute_j"),
+    )
+    table = [[name, number(energy[plan]), number(energy[log])] for name, plan, log in names]
     parts.append(markdown_table(["energy", "planned", "logged"], table))
     return "\n\n".join(parts)
