@@ -29,13 +29,16 @@ class Certificate:
     """Whether a whole trajectory is proven free between its knots, and what was evaluated.
 
     `min_clearance_m` is the smallest distance met at the configurations that were evaluated
-    (capped distances), not a proven minimum; `evaluations` counts them.
+    (capped distances), not a proven minimum; `evaluations` counts them. `proven_clearance_m` is a
+    distance that no pair undercuts anywhere on the trajectory, allowed contacts left out: at most
+    the clearance that was asked for, None where nothing is proven.
     """
 
     ok: bool
     failures: tuple[CertificateFailure, ...]
     min_clearance_m: float
     evaluations: int
+    proven_clearance_m: float | None = None
 
 
 @dataclass(frozen=True)

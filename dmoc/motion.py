@@ -128,8 +128,10 @@ class Motion:
     term; `max_defect` the largest residual of the discrete Euler–Lagrange equations as a fraction
     of h·u_max (None for a fallback, which reports its inverse-dynamics error as
     `replay_error_rad`); `replay_error_rad` the largest joint error over 4-interval windows of an
-    independent simulation; `min_clearance_m` and `certified` come from the certificate and are
-    None where nobody asked for one. CPU time is reported beside a motion, never in it.
+    independent simulation; `certified`, `min_clearance_m` (the smallest distance met) and
+    `proven_clearance_m` (what nothing undercuts between the knots either, at most the clearance
+    that was asked for) come from the certificate and are None where nobody asked for one. CPU time
+    is reported beside a motion, never in it.
     """
 
     status: Status
@@ -141,6 +143,7 @@ class Motion:
     max_defect: float | None = None
     replay_error_rad: float | None = None
     min_clearance_m: float | None = None
+    proven_clearance_m: float | None = None
     certified: bool | None = None
     note: str = ""
     replay: Replay | None = None

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from dmoc.arrays import Array
 from dmoc.clearance import Certificate, CertificateFailure
 from dmoc.trajectory import JointTrajectory
-from planning.kernels.proof import prove
+from planning.kernels.proof import bisection_workspace, prove
 
 if TYPE_CHECKING:
     from planning.edge_clearance import EdgeClearance
@@ -18,6 +19,10 @@ __all__ = ["bezier_of", "certify", "prove_path"]
 
 MAX_DEPTH = 14
 MAX_FAILURES = 64
+#: The proven clearance is at most this share of the demanded one below the smallest distance,
+LEVEL_TOLERANCE = 0.05
+#: or as low as so many halvings of an interval can prove.
+LEVEL_DEPTH = 9
 
 
 def bezier_of(trajectory: JointTrajectory) -> Array:
@@ -45,20 +50,25 @@ def certify(
     iteration nor an engine's error can pass as proof. A pair exempted by a departure line must
     keep its distance wherever the tip is not proven to lie in the line's tube. A failure names
     the first place found for a pair in an interval: contact, or no proof after `max_depth`
-    bisections. `min_clearance_m` is the smallest distance (capped) at the knots and three points
-    between neighbouring ones, departure exemptions applied.
+    bisections.
+
+    The clearance of the world is proven in the same pass as far as the motion keeps it:
+    `proven_clearance_m` is what no pair undercuts anywhere (departure exemptions applied), about a
+    twentieth of the clearance below the smallest distance where that is nearer. `min_clearance_m`
+    is the smallest distance met (capped) at the knots, at three points between neighbouring ones
+    and where the bisection looked.
     """
-    scene = clearance.world.scene
     bezier = bezier_of(trajectory)
     where = np.empty((max_failures, 2), dtype=np.int64)
     place = np.empty((max_failures, 2))
-    found, evaluations, _ = prove(
-        scene.chain, scene.solids, clearance.scope.pairs, scene.pose, scene.moving, bezier,
-        clearance.tracking_error_m, scene.tip, clearance.scope.lines, clearance.scope.exempt,
-        max_depth, max_failures, where, place,
-    )  # fmt: skip
     samples = sub_points(bezier, 4)
     lowest = float(clearance.phi(samples).min())
+    tolerance = LEVEL_TOLERANCE * clearance.world.clearance_m
+    wanted = min(clearance.world.clearance_m, lowest - tolerance)
+    found, evaluations, met, level = _bisected(
+        clearance, bezier, max_depth, where, place, wanted, tolerance
+    )
+    lowest = min(lowest, met)
     failures = []
     for (interval, pair), (fraction, bound) in zip(where[:found], place[:found]):
         distance = float(bound)
@@ -70,7 +80,10 @@ def certify(
                 int(interval), float(fraction), clearance.world.pair_of(pair), distance
             )
         )
-    return Certificate(not failures, tuple(failures), lowest, int(evaluations) + len(samples))
+    return Certificate(
+        not failures, tuple(failures), lowest, evaluations + len(samples),
+        None if failures else level,
+    )  # fmt: skip
 
 
 def prove_path(clearance: EdgeClearance, q_rad: Array, *, max_depth: int = 11) -> bool:
@@ -79,13 +92,27 @@ def prove_path(clearance: EdgeClearance, q_rad: Array, *, max_depth: int = 11) -
     q = np.asarray(q_rad, dtype=float)
     bezier = np.ascontiguousarray(q[:-1, None] + t * (q[1:] - q[:-1])[:, None])
     where, place = np.empty((1, 2), dtype=np.int64), np.empty((1, 2))
-    scene = clearance.world.scene
-    failures, _, _ = prove(
-        scene.chain, scene.solids, clearance.scope.pairs, scene.pose, scene.moving, bezier,
-        clearance.tracking_error_m, scene.tip, clearance.scope.lines, clearance.scope.exempt,
-        max_depth, 1, where, place,
+    return _bisected(clearance, bezier, max_depth, where, place, 0.0, 0.0)[0] == 0
+
+
+def _bisected(
+    clearance: EdgeClearance,
+    bezier: Array,
+    max_depth: int,
+    where: npt.NDArray[np.int64],
+    place: Array,
+    wanted_m: float,
+    tolerance_m: float,
+) -> tuple[int, int, float, float]:
+    """`prove` on the curve; as many failures as `where` and `place` have rows."""
+    scene, scope = clearance.world.scene, clearance.scope
+    tree = bisection_workspace(len(scope.pairs.body), max_depth)
+    failures, evaluations, smallest, level = prove(
+        scene.chain, scene.solids, scope.pairs, scene.pose, scene.moving, bezier,
+        clearance.tracking_error_m, scene.tip, scope.lines, scope.exempt, scope.inside,
+        scene.work, tree, len(where), where, place, wanted_m, tolerance_m, LEVEL_DEPTH,
     )  # fmt: skip
-    return failures == 0
+    return int(failures), int(evaluations), float(smallest), float(level)
 
 
 def sub_points(bezier: Array, parts: int) -> Array:

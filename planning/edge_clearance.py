@@ -81,5 +81,7 @@ class EdgeClearance:
         scene = self.world.scene
         q = scene.rows_of(q_rad)
         reach, weight = np.empty(q.shape), np.empty(q.shape)
-        reach_batch(scene.chain, scene.solids, scene.pose, scene.moving, q, reach, weight)
+        reach_batch(
+            scene.chain, scene.solids, scene.pose, scene.moving, q, scene.work, reach, weight
+        )
         return reach, weight

@@ -9,7 +9,7 @@ import numpy as np
 
 from dmoc.arrays import Array
 from planning.kernels.range_proof import never_touch
-from planning.packed import Chain, Solids
+from planning.packed import Chain, Solids, Work, workspace
 from planning.pieces import Piece
 
 __all__ = ["pairs_that_never_touch"]
@@ -37,6 +37,8 @@ def pairs_that_never_touch(
     them collide, so they are neither obstacles nor near misses.
     """
     pose = np.zeros((len(pieces), 15))
+    work = workspace(len(chain.info), len(pieces), 1)
+    room = (pose, work, np.empty((256, 2, len(work.q))))
     of_body: dict[str, list[int]] = {}
     for p, piece in enumerate(pieces):
         of_body.setdefault(piece.body, []).append(p)
@@ -46,14 +48,15 @@ def pairs_that_never_touch(
         between = int(np.sum(chain.above[ja] != chain.above[jb]))
         if between > MOST_JOINTS or (a, b) in clearance_m or (b, a) in clearance_m:
             continue
-        if all(_never(i, k, chain, solids, limits, pose) for i in of_body[a] for k in of_body[b]):
+        if all(_never(i, k, chain, solids, limits, room) for i in of_body[a] for k in of_body[b]):
             found.append((a, b))
     return tuple(found)
 
 
 def _never(
-    i: int, k: int, chain: Chain, solids: Solids, limits: tuple[Array, Array], pose: Array
-) -> bool:
+    i: int, k: int, chain: Chain, solids: Solids, limits: tuple[Array, Array],
+    room: tuple[Array, Work, Array],
+) -> bool:  # fmt: skip
     """`never_touch`, remembered for this process: worlds of one robot ask the same again."""
     digest = hashlib.sha256()
     for array in (chain.info, chain.frame, *limits):
@@ -66,6 +69,8 @@ def _never(
     key = digest.digest()
     if key not in _known:
         _known[key] = bool(
-            never_touch(chain, solids, pose, i, k, limits[0], limits[1], LEAST_M, MOST_CELLS)
+            never_touch(
+                chain, solids, room[0], i, k, limits[0], limits[1], LEAST_M, MOST_CELLS, *room[1:]
+            )
         )
     return _known[key]

@@ -14,7 +14,9 @@ from dmoc.arrays import Array
 from dmoc.errors import Fault, RobotError
 from planning.pieces import Piece
 
-__all__ = ["Chain", "Pairs", "Solids", "pack_chain", "pack_pairs", "pack_solids"]
+__all__ = [
+    "Chain", "Pairs", "Solids", "Work", "pack_chain", "pack_pairs", "pack_solids", "workspace",
+]  # fmt: skip
 
 Ints = npt.NDArray[np.int64]
 
@@ -55,6 +57,34 @@ class Pairs(NamedTuple):
     piece: Ints
     body: Ints
     extra: Array
+
+
+class Work(NamedTuple):
+    """Scratch of the kernels, for J joints, n coordinates, P pieces and M piece pairs.
+
+    Every kernel writes before it reads: nothing is carried from one call to the next.
+    """
+
+    joints: Array  # (J, 15)
+    s: Array  # (4, 15), the simplex
+    out: Array  # (8,)
+    axis: Array  # (3,)
+    q: Array  # (n,)
+    delta: Array  # (n,)
+    reach: Array  # (P, n)
+    axes: Array  # (M, 3)
+    bound: Array  # (M,)
+    order: Ints  # (M,)
+
+
+def workspace(joints: int, pieces: int, pairs: int) -> Work:
+    """A `Work` for that many joints (the world counts as one), pieces and piece pairs."""
+    n = joints - 1
+    return Work(
+        np.zeros((joints, 15)), np.zeros((4, 15)), np.zeros(8), np.zeros(3), np.zeros(n),
+        np.zeros(n), np.zeros((pieces, n)), np.zeros((pairs, 3)), np.zeros(pairs),
+        np.zeros(pairs, dtype=np.int64),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from planning.engines.coal_engine import CoalEngine
 from planning.engines.fcl_engine import FclEngine
 from planning.kernels import scene as kernels
 from planning.kernels.contact import first_contacts, segment_contact
-from planning.kernels.depth import signed_distance
+from planning.kernels.depth import grown_workspace
 from planning.never import pairs_that_never_touch
-from planning.packed import Pairs, pack_chain, pack_pairs, pack_solids
+from planning.packed import Pairs, pack_chain, pack_pairs, pack_solids, workspace
 from planning.pairs import checked_pairs
 from planning.pieces import Mounted, pieces_of
 from planning.robot_bodies import link_bodies, tool_mounts
@@ -28,16 +28,20 @@ from planning.shapes import Body
 __all__ = ["ENGINES", "NearRows", "Scene", "Scope"]
 
 ENGINES = ("native", "coal", "fcl")
+#: A cap that no distance in a station reaches [m].
+FARTHEST_M = 1e6
 
 
 class Scope(NamedTuple):
     """What a query looks at: piece pairs with the clearance that is subtracted from their
-    distance, departure lines (L, 8), and the piece pairs (L, M) that each line exempts.
+    distance, departure lines (L, 8), the piece pairs (L, M) that each line exempts, and workspace
+    (L,) for whether the tip is in the tube of each.
     """
 
     pairs: Pairs
     lines: Array
     exempt: npt.NDArray[np.bool_]
+    inside: npt.NDArray[np.bool_]
 
     def grown(self, extra_m: Array) -> Scope:
         """The same with `extra_m` (M,) more clearance on every pair."""
@@ -88,6 +92,8 @@ class Scene:
         )  # fmt: skip
         self.body_pairs = tuple(pair for pair in body_pairs if pair not in self.never)
         self.pairs = pack_pairs(pieces, self.body_pairs, pair_clearance_m)
+        self.work = workspace(len(self.chain.info), len(pieces), len(self.pairs.body))
+        self.grown = grown_workspace()
         self.engine_name = engine
         self.engine: Engine = FclEngine(pieces) if engine == "fcl" else CoalEngine(pieces)
         self.touching = tuple(m.body.name for m in tools if m.body.touches)
@@ -109,7 +115,9 @@ class Scene:
         rng = np.random.default_rng(0)
         q = rng.uniform(robot.q_lower_rad, robot.q_upper_rad, (64, robot.num_joints))
         reach, weight = np.empty(q.shape), np.empty(q.shape)
-        kernels.reach_batch(self.chain, self.solids, self.pose, self.moving, q, reach, weight)
+        kernels.reach_batch(
+            self.chain, self.solids, self.pose, self.moving, q, self.work, reach, weight
+        )
         return np.maximum(reach.mean(axis=0), 1e-3)
 
     def scope(self, lines: Sequence[DepartureLine]) -> Scope:
@@ -128,11 +136,12 @@ class Scene:
                 if line.part in pair and any(name in pair for name in self.touching)
             ]  # fmt: skip
             exempt[k] = np.isin(self.pairs.body, wanted)
-        return Scope(self.pairs, rows, exempt)
+        return Scope(self.pairs, rows, exempt, np.zeros(len(lines), dtype=bool))
 
     def rows_of(self, q_rad: Array) -> Array:
         """q as finite (K, n). Errors: `ProblemError`."""
-        q = np.ascontiguousarray(np.atleast_2d(q_rad), dtype=float)
+        # A copy: a read-only array would be another type to the compiler.
+        q = np.array(np.atleast_2d(q_rad), dtype=float, order="C")
         if q.ndim != 2 or q.shape[1] != self.num_joints or not np.isfinite(q).all():
             raise ProblemError(
                 Fault("configuration", field="q_rad", value=f"shape {q.shape}, or not finite",
@@ -147,7 +156,7 @@ class Scene:
         first = np.empty(len(q), dtype=np.int64)
         first_contacts(
             self.chain, self.solids, scope.pairs, self.pose, self.moving, q, inflation_m,
-            self.tip, scope.lines, scope.exempt, first,
+            self.tip, scope.lines, scope.exempt, scope.inside, self.work, first,
         )  # fmt: skip
         return first
 
@@ -161,10 +170,11 @@ class Scene:
         """
         parts = max(1, int(np.ceil(float(np.abs(q1 - q0) @ self.lever_m) / step_m)))
         if self.engine_name == "native":
+            q0, q1 = np.array(q0, dtype=float), np.array(q1, dtype=float)
             return int(
                 segment_contact(
                     self.chain, self.solids, scope.pairs, self.pose, self.moving, q0, q1, parts,
-                    inflation_m, self.tip, scope.lines, scope.exempt,
+                    inflation_m, self.tip, scope.lines, scope.exempt, scope.inside, self.work,
                 )
             )  # fmt: skip
         t = np.linspace(0.0, 1.0, parts + 1)[1:, None]
@@ -181,7 +191,7 @@ class Scene:
         if self.engine_name == "native":
             kernels.smallest_distances(
                 self.chain, self.solids, scope.pairs, self.pose, self.moving, q, cap_m,
-                self.tip, scope.lines, scope.exempt, phi, pair, deep,
+                self.tip, scope.lines, scope.exempt, scope.inside, self.work, phi, pair, deep,
             )  # fmt: skip
         if np.any(deep):
             where = np.flatnonzero(deep)
@@ -201,45 +211,53 @@ class Scene:
             values = np.empty((room, 10 + self.num_joints))
             count = kernels.near_pairs(
                 self.chain, self.solids, scope.pairs, self.pose, self.moving, q, cap_m,
-                self.tip, scope.lines, scope.exempt, index, values,
+                self.tip, scope.lines, scope.exempt, scope.inside, self.work, self.grown, index,
+                values,
             )  # fmt: skip
             if count <= room:
                 break
             room = count
         return NearRows(index[:count], values[:count])
 
+    def place(self, q: Array) -> None:
+        """Poses of all pieces at one q (n,) into `pose`."""
+        q = np.array(q, dtype=float)
+        kernels.poses_at(self.chain, self.solids, self.pose, self.moving, q, self.work)
+
     def _measure(self, q: Array, index: npt.NDArray[np.int64], values: Array, scope: Scope) -> None:
         """Fill rows by the engine; rows of one configuration stand together."""
         at = -1
         for r, (k, m) in enumerate(index):
             if k != at:
-                kernels.poses_at(self.chain, self.solids, self.pose, self.moving, q[k])
+                self.place(q[k])
                 at = k
             a, b = self.pairs.piece[m]
             found = self.engine.distance(int(a), int(b), self.pose[a], self.pose[b])
             values[r, 0] = found.distance_m - scope.pairs.extra[m]
             values[r, 1:4], values[r, 4:7], values[r, 7:10] = found[1:]
-        kernels.engine_rows(self.chain, self.solids, self.pairs, q, index, values)
+        kernels.engine_rows(self.chain, self.solids, self.pairs, q, self.work, index, values)
 
     def pair_distance(self, q: Array, piece_pair: int) -> PairDistance:
         """One piece pair at one q (n,), measured by the engine that the scene was built with."""
-        kernels.poses_at(self.chain, self.solids, self.pose, self.moving, q)
-        a, b = self.pairs.piece[piece_pair]
         if self.engine_name == "native":
-            out, normal = np.empty(8), np.empty(3)
-            solids = self.solids
-            signed_distance(
-                solids.info, solids.size, solids.verts, solids.near_start, solids.near, self.pose,
-                a, b, np.zeros(3), 1e300, np.empty((4, 15)), out, normal,
-            )  # fmt: skip
-            return PairDistance(float(out[0]), out[1:4].copy(), out[4:7].copy(), normal)
+            return self._native_distance(q, piece_pair)
+        self.place(q)
+        a, b = self.pairs.piece[piece_pair]
         return self.engine.distance(int(a), int(b), self.pose[a], self.pose[b])
+
+    def _native_distance(self, q: Array, piece_pair: int) -> PairDistance:
+        """A scope that looks at nothing but the pair, without surplus and departure lines."""
+        one = slice(piece_pair, piece_pair + 1)
+        pairs = Pairs(self.pairs.piece[one], self.pairs.body[one], np.zeros(1))
+        scope = self.everything._replace(pairs=pairs, exempt=np.zeros((0, 1), dtype=bool))
+        (row,) = self.near(self.rows_of(q), FARTHEST_M, scope).values
+        return PairDistance(float(row[0]), row[1:4].copy(), row[4:7].copy(), row[7:10].copy())
 
     def _candidates(self, q: Array, cap_m: float, scope: Scope) -> npt.NDArray[np.int64]:
         chosen = np.empty(len(self.pairs.body), dtype=np.int64)
         count = kernels.candidate_pairs(
             self.chain, self.solids, scope.pairs, self.pose, self.moving, q, cap_m, self.tip,
-            scope.lines, scope.exempt, chosen,
+            scope.lines, scope.exempt, scope.inside, self.work, chosen,
         )  # fmt: skip
         return chosen[:count]
 
@@ -270,5 +288,5 @@ class Scene:
     def tips(self, q: Array) -> Array:
         """Tool tip (K, 3) in the world."""
         out = np.empty((len(q), 3))
-        kernels.tips_at(self.chain, self.tip, q, out)
+        kernels.tips_at(self.chain, self.tip, q, self.work, out)
         return out

@@ -186,7 +186,8 @@ def _motion_of(
         cost=float("inf") if entry["cost"] is None else entry["cost"],
         smoothing_cost=entry["smoothing_cost"] or 0.0, iterations=entry["iterations"],
         max_defect=entry["max_defect"], replay_error_rad=entry["replay_error_rad"],
-        min_clearance_m=entry["min_clearance_m"], certified=entry["certified"],
+        min_clearance_m=entry["min_clearance_m"],
+        proven_clearance_m=entry.get("proven_clearance_m"), certified=entry["certified"],
         note=entry["note"],
     )  # fmt: skip
     return CycleMotion(entry["key"], entry["from"], entry["to"], entry["kind"], motion)

@@ -118,6 +118,7 @@ def motion_entry(item: CycleMotion, cost: Cost | ElectricalCost) -> dict[str, An
         "source": motion.source,
         "certified": motion.certified,
         "min_clearance_m": motion.min_clearance_m,
+        "proven_clearance_m": motion.proven_clearance_m,
         "cost": motion.cost,
         "cost_shares": shares,
         "smoothing_cost": motion.smoothing_cost,

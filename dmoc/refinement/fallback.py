@@ -53,6 +53,7 @@ def _certified(
         trajectory=timed.trajectory,
         cost=trajectory_cost(timed.trajectory, problem.robot, problem.cost),
         min_clearance_m=certificate.min_clearance_m,
+        proven_clearance_m=certificate.proven_clearance_m,
         certified=True,
         note=f"time-scaled seed ({timed.law}); refinement: {note}" if note else "time-scaled seed",
     )

@@ -220,6 +220,7 @@ def _motion(
         iterations=used,
         max_defect=solution.max_defect,
         min_clearance_m=None if certificate is None else certificate.min_clearance_m,
+        proven_clearance_m=None if certificate is None else certificate.proven_clearance_m,
         certified=certified,
         note=note,
     )

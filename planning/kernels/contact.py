@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from planning.jit import kernel
+from planning.jit import inner, kernel
 from planning.kernels.gjk import FAR, clearly_farther, gjk
 from planning.kernels.kinematics import ball_reach, joint_poses, place_pieces, relative_motion
 from planning.kernels.scene import inside_tubes, skipped
@@ -17,10 +15,10 @@ from planning.kernels.scene import inside_tubes, skipped
 __all__ = ["first_contacts", "segment_contact"]
 
 
-@kernel
+@inner
 def _contact(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, inflation: float,
-    tip: Any, lines: Any, exempt: Any, joints: Any, inside: Any, axis: Any, s: Any, out: Any,
+    tip: Any, lines: Any, exempt: Any, inside: Any, joints: Any, axis: Any, s: Any, out: Any,
 ) -> int:  # fmt: skip
     """A touching pair at q (n,), or −1."""
     # Arrays taken out of their tuples once: inside the loop each access would count references.
@@ -47,23 +45,21 @@ def _contact(
 @kernel
 def first_contacts(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, inflation: float,
-    tip: Any, lines: Any, exempt: Any, first: Any,
+    tip: Any, lines: Any, exempt: Any, inside: Any, work: Any, first: Any,
 ) -> None:  # fmt: skip
     """first[k] = index of a touching pair at q[k] (K, n), or −1."""
-    joints = np.empty((chain.info.shape[0], 15))
-    s, out, axis = np.empty((4, 15)), np.empty(8), np.empty(3)
-    inside = np.zeros(lines.shape[0], dtype=np.bool_)
+    joints, s, out, axis = work.joints, work.s, work.out, work.axis
     for k in range(q.shape[0]):
         first[k] = _contact(
-            chain, solids, pairs, pose, moving, q[k], inflation, tip, lines, exempt,
-            joints, inside, axis, s, out,
+            chain, solids, pairs, pose, moving, q[k], inflation, tip, lines, exempt, inside,
+            joints, axis, s, out,
         )  # fmt: skip
 
 
 CHUNK = 16
 
 
-@kernel
+@inner
 def _near_chunk(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, joints: Any, delta: Any,
     inflation: float, reach: Any, chosen: Any,
@@ -84,7 +80,7 @@ def _near_chunk(
     return count
 
 
-@kernel
+@inner
 def _chosen_contact(
     solids: Any, pairs: Any, pose: Any, chosen: Any, count: int, inflation: float, exempt: Any,
     inside: Any, axes: Any, s: Any, out: Any,
@@ -107,7 +103,7 @@ def _chosen_contact(
     return -1
 
 
-@kernel
+@inner
 def _halving(at: int, total: int) -> int:
     """0 … total (a power of two) in the order total, 0, total/2, total/4, 3 total/4, …"""
     if at == 0:
@@ -124,32 +120,33 @@ def _halving(at: int, total: int) -> int:
 @kernel
 def segment_contact(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q0: Any, q1: Any, parts: int,
-    inflation: float, tip: Any, lines: Any, exempt: Any,
+    inflation: float, tip: Any, lines: Any, exempt: Any, inside: Any, work: Any,
 ) -> int:  # fmt: skip
     """A touching pair on the segment, at its ends and at least parts − 1 inner points, or −1.
 
     Long segments are looked at coarsely first, then in chunks of sixteen parts; in a chunk only
     the pairs that its motion can bring together are tested, ends first and then by halving.
     """
-    n, count = q0.shape[0], pairs.piece.shape[0]
-    joints = np.empty((chain.info.shape[0], 15))
-    s, out, axis = np.empty((4, 15)), np.empty(8), np.empty(3)
-    inside = np.zeros(lines.shape[0], dtype=np.bool_)
-    q, delta = np.empty(n), np.empty(n)
-    chunks = max(1, (parts + CHUNK - 1) // CHUNK)
+    n = q0.shape[0]
+    joints, s, out, axis = work.joints, work.s, work.out, work.axis
+    q, delta, reach, chosen, axes = work.q, work.delta, work.reach, work.order, work.axes
+    chunks = (parts + CHUNK - 1) // CHUNK
+    if chunks < 1:
+        chunks = 1
     for k in range(chunks, -1, -1):
         if chunks == 1:
             break
         for j in range(n):
             q[j] = q0[j] + k / chunks * (q1[j] - q0[j])
         hit = _contact(
-            chain, solids, pairs, pose, moving, q, inflation, tip, lines, exempt, joints, inside,
+            chain, solids, pairs, pose, moving, q, inflation, tip, lines, exempt, inside, joints,
             axis, s, out,
         )  # fmt: skip
         if hit >= 0:
             return hit
-    reach = np.zeros((pose.shape[0], n))
-    chosen = np.empty(count, dtype=np.int64)
+    for p in range(pose.shape[0]):  # pieces that stand still reach nowhere
+        for j in range(n):
+            reach[p, j] = 0.0
     # Points of a chunk: its ends (of a short segment only), then halves, quarters, …
     total = 1
     while total * chunks < parts:
@@ -164,7 +161,8 @@ def segment_contact(
         found = _near_chunk(
             chain, solids, pairs, pose, moving, joints, delta, inflation, reach, chosen
         )
-        axes = np.zeros((found, 3))
+        for i in range(found):
+            axes[i, 0] = axes[i, 1] = axes[i, 2] = 0.0
         for at in range(total + 1):
             k = _halving(at, total)
             if chunks == 1 or 0 < k < total:

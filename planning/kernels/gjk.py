@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import kernel
+from planning.jit import inner, kernel
 from planning.kernels.simplex import INSIDE, nearest
 
 __all__ = ["FAR", "HIT", "OPEN", "SOLVED", "clearly_farther", "gjk", "outer_bound"]
@@ -31,7 +31,7 @@ GAP_M = 1e-10
 SCAN = 12
 
 
-@kernel
+@inner
 def support(
     info: Any, size: Any, verts: Any, near_start: Any, near: Any, p: int,
     dx: float, dy: float, dz: float, hint: int,
@@ -90,9 +90,10 @@ def outer_bound(pose: Any, size: Any, a: int, b: int) -> float:
     dz = pose[b, 14] - pose[a, 14]
     bound = np.sqrt(dx * dx + dy * dy + dz * dz) - size[a, 12] - size[b, 12]
     other = _ball_box(pose, size, a, dx, dy, dz) - size[b, 12]
-    bound = max(bound, other)
+    if other > bound:
+        bound = other
     other = _ball_box(pose, size, b, -dx, -dy, -dz) - size[a, 12]
-    return max(bound, other)
+    return other if other > bound else bound
 
 
 @kernel
@@ -116,7 +117,7 @@ def clearly_farther(pose: Any, size: Any, a: int, b: int, limit: float) -> bool:
     return _ball_box_squared(pose, size, b, dx, dy, dz) > reach * reach
 
 
-@kernel
+@inner
 def _ball_box_squared(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> float:
     """Squared distance of the point centre + d to the box around piece p."""
     total = 0.0
@@ -127,7 +128,7 @@ def _ball_box_squared(pose: Any, size: Any, p: int, dx: float, dy: float, dz: fl
     return total
 
 
-@kernel
+@inner
 def _ball_box(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> float:
     """Distance of the point centre + d to the box around piece p."""
     return np.sqrt(_ball_box_squared(pose, size, p, dx, dy, dz))
@@ -155,7 +156,7 @@ def gjk(
             vx, vy, vz = 1.0, 0.0, 0.0
     lam, weight = s[0, 9:13], s[1, 9:13]
     count = 0
-    hint_a = hint_b = -1
+    hint_a = hint_b = np.int64(-1)
     pax = pay = paz = pbx = pby = pbz = 0.0
     lower, upper = -1e300, 1e300
     status = OPEN
@@ -163,7 +164,7 @@ def gjk(
         norm = np.sqrt(vx * vx + vy * vy + vz * vz)
         if norm < 1e-12:
             # The cores touch: nothing is left to converge.
-            upper = min(upper, norm - margin)
+            upper = norm - margin if norm - margin < upper else upper
             status = HIT
             break
         # Support of A along −v and of B along +v, found in the pieces' own frames.
@@ -216,7 +217,8 @@ def gjk(
             vz += lam[k] * s[k, 2]
         now = np.sqrt(vx * vx + vy * vy + vz * vz) - margin
         stalled = now >= upper
-        upper = min(upper, now)
+        if now < upper:
+            upper = now
         if upper <= below:
             status = HIT
             break

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import kernel
+from planning.jit import inner, kernel
 
 __all__ = [
     "ball_reach", "joint_poses", "place_pieces", "point_gradient", "reach_of_piece",
@@ -52,7 +52,7 @@ def joint_poses(info: Any, frame: Any, q: Any, out: Any) -> None:
             out[j, 9 + r] = t
 
 
-@kernel
+@inner
 def place_piece(joints: Any, j: int, frame: Any, p: int, pose: Any) -> None:
     """T_world_piece = T_world_joint T_joint_piece into `pose[p]` (12,)."""
     for r in range(3):
@@ -62,7 +62,7 @@ def place_piece(joints: Any, j: int, frame: Any, p: int, pose: Any) -> None:
         pose[p, 9 + r] = joints[j, 9 + r] + (a * frame[p, 9] + b * frame[p, 10] + c * frame[p, 11])
 
 
-@kernel
+@inner
 def place_pieces(joints: Any, info: Any, frame: Any, size: Any, moving: int, pose: Any) -> None:
     """Poses of pieces 0 … moving−1 in `pose` (P, 15); columns 12:15 hold the ball's centre."""
     for p in range(moving):
@@ -93,7 +93,7 @@ def point_gradient(
         out[j - 1] += sign * (nx * dx + ny * dy + nz * dz)
 
 
-@kernel
+@inner
 def _corner(pose: Any, size: Any, p: int, k: int) -> tuple[float, float, float]:
     """Corner k (0–7) of the box around piece p, in the world."""
     u = size[p, 6] + (size[p, 9] if k & 1 else -size[p, 9])
@@ -106,7 +106,7 @@ def _corner(pose: Any, size: Any, p: int, k: int) -> tuple[float, float, float]:
     )
 
 
-@kernel
+@inner
 def reach_of_piece(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, size: Any, p: int, out: Any
 ) -> None:
@@ -134,7 +134,7 @@ def reach_of_piece(
             out[j - 1] = np.sqrt(out[j - 1])
 
 
-@kernel
+@inner
 def ball_reach(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, radius: float, p: int, out: Any
 ) -> None:
@@ -170,7 +170,7 @@ def relative_motion(above: Any, ja: int, jb: int, ra: Any, rb: Any, delta: Any) 
     return total
 
 
-@kernel
+@inner
 def weight_of_piece(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, size: Any, p: int, out: Any
 ) -> None:

@@ -6,30 +6,56 @@ turn the joints one after the other from the base, each turn moves x on an arc o
 what lies beyond the joint has not changed its shape yet. Seen from piece a, piece b moves only
 with the joints that move one of the two and not both. A pair whose distance at q_m exceeds that
 bound plus the tracking error is free on the whole part.
+
+The same bisection finds a clearance that is kept everywhere: a level, at first what is wanted,
+that gives way where a configuration is nearer (branch and bound on the smallest distance).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-from planning.jit import kernel
-from planning.kernels.gjk import FAR, clearly_farther, gjk
+from planning.jit import inner, kernel
+from planning.kernels.gjk import FAR, SOLVED, clearly_farther, gjk
 from planning.kernels.kinematics import (
     joint_poses,
     place_pieces,
     reach_of_piece,
     relative_motion,
 )
-from planning.kernels.scene import tip_position, tube_stray
+from planning.kernels.scene import skipped, tip_position, tube_stray
 
-__all__ = ["prove"]
+__all__ = ["Bisection", "bisection_workspace", "prove"]
 
 ROUNDING_M = 1e-9
 
 
-@kernel
+class Bisection(NamedTuple):
+    """Workspace: the pairs still open at every depth (D, M) and how many (D,), which pairs have
+    failed in the interval (M,), and the stack of parts (D,).
+    """
+
+    open_pairs: npt.NDArray[np.int64]
+    left: npt.NDArray[np.int64]
+    failed: npt.NDArray[np.bool_]
+    lo: npt.NDArray[np.float64]
+    width: npt.NDArray[np.float64]
+    depth: npt.NDArray[np.int64]
+
+
+def bisection_workspace(pairs: int, max_depth: int) -> Bisection:
+    """Room for that many piece pairs and halvings."""
+    rows = max_depth + 2
+    return Bisection(
+        np.empty((rows, pairs), dtype=np.int64), np.empty(rows, dtype=np.int64),
+        np.zeros(pairs, dtype=bool), np.empty(rows), np.empty(rows), np.empty(rows, dtype=np.int64),
+    )  # fmt: skip
+
+
+@inner
 def _blossom(b: Any, j: int, x: float, y: float, z: float) -> float:
     """Blossom of the cubic Bézier coordinate b[:, j] at (x, y, z)."""
     p0 = b[0, j] + x * (b[1, j] - b[0, j])
@@ -39,19 +65,21 @@ def _blossom(b: Any, j: int, x: float, y: float, z: float) -> float:
     return p0 + z * (p1 - p0)
 
 
-@kernel
+@inner
 def _middle_and_spread(b: Any, lo: float, hi: float, q: Any, delta: Any) -> None:
     """q at the middle of [lo, hi] and δ: the control points of the part enclose the curve."""
     mid = 0.5 * (lo + hi)
     for j in range(q.shape[0]):
         q[j] = _blossom(b, j, mid, mid, mid)
         spread = abs(_blossom(b, j, lo, lo, lo) - q[j])
-        spread = max(spread, abs(_blossom(b, j, lo, lo, hi) - q[j]))
-        spread = max(spread, abs(_blossom(b, j, lo, hi, hi) - q[j]))
-        delta[j] = max(spread, abs(_blossom(b, j, hi, hi, hi) - q[j]))
+        for k in range(3):
+            other = abs(_blossom(b, j, lo if k < 2 else hi, lo if k < 1 else hi, hi) - q[j])
+            if other > spread:
+                spread = other
+        delta[j] = spread
 
 
-@kernel
+@inner
 def _tip_motion(
     chain: Any, joints: Any, tip: Any, x: float, y: float, z: float, delta: Any
 ) -> float:
@@ -74,47 +102,49 @@ def _tip_motion(
 @kernel
 def prove(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, bezier: Any, tracking: float,
-    tip: Any, lines: Any, exempt: Any, max_depth: int, max_failures: int,
-    where: Any, place: Any,
-) -> tuple[int, int, float]:  # fmt: skip
-    """Prove every interval of `bezier` (N, 4, n) free.
+    tip: Any, lines: Any, exempt: Any, covered: Any, work: Any, tree: Any, max_failures: int,
+    where: Any, place: Any, wanted: float, tolerance: float, level_depth: int,
+) -> tuple[int, int, float, float]:  # fmt: skip
+    """Prove every interval of `bezier` (N, 4, n) free; depth at most that of the `tree`.
 
     Failure f: `where[f]` = interval and pair, `place[f]` = λ in [0, 1] and the bound of the
-    distance there. Returns how many failures, how many configurations were evaluated, and the
-    smallest distance bound met. Each pair is reported once an interval; the search ends at
-    `max_failures`.
+    distance there. Each pair is reported once an interval; the search ends at `max_failures`.
+    Returns how many failures, how many configurations were evaluated, the smallest distance met at
+    one of them (1e300: none was measured), and a distance that nothing undercuts anywhere if there
+    is no failure: at most `wanted`, at least `tracking`; where something is nearer than `wanted`,
+    about `tolerance` below the smallest distance. It gives way to what `level_depth` halvings can
+    prove.
     """
     # Arrays taken out of their tuples once: inside the loops each access would count references.
     info, size, verts = solids.info, solids.size, solids.verts
     near_start, near = solids.near_start, solids.near
     piece, surplus = pairs.piece, pairs.extra
+    joints, s, out, axes = work.joints, work.s, work.out, work.axes
+    q, delta, reach = work.q, work.delta, work.reach
+    open_pairs, left, failed = tree.open_pairs, tree.left, tree.failed
+    node_lo, node_width, node_depth = tree.lo, tree.width, tree.depth
     num_intervals, n = bezier.shape[0], bezier.shape[2]
-    count = piece.shape[0]
-    joints = np.empty((chain.info.shape[0], 15))
-    q, delta = np.empty(n), np.empty(n)
-    reach = np.zeros((pose.shape[0], n))
-    s, out = np.empty((4, 15)), np.empty(8)
-    axes = np.zeros((count, 3))
-    open_pairs = np.empty((max_depth + 2, count), dtype=np.int64)
-    left = np.empty(max_depth + 2, dtype=np.int64)
-    failed = np.zeros(count, dtype=np.bool_)
-    node_lo, node_depth = np.empty(max_depth + 2), np.empty(max_depth + 2, dtype=np.int64)
-    covered = np.zeros(lines.shape[0], dtype=np.bool_)
+    count, max_depth = piece.shape[0], left.shape[0] - 2
+    level = wanted if wanted > tracking else tracking
+    for m in range(count):
+        axes[m, 0] = axes[m, 1] = axes[m, 2] = 0.0
+    for p in range(pose.shape[0]):  # pieces that stand still reach nowhere
+        for j in range(n):
+            reach[p, j] = 0.0
     failures = evaluations = 0
     smallest = 1e300
     for i in range(num_intervals):
-        failed[:] = False
         left[0] = count
         for m in range(count):
+            failed[m] = False
             open_pairs[0, m] = m
         # Depth first: a node at depth d takes the pairs left open by its parent in row d and
         # leaves those that stay open in row d + 1 for both children.
         stack = 1
-        node_lo[0], node_depth[0] = 0.0, 0
+        node_lo[0], node_width[0], node_depth[0] = 0.0, 1.0, 0
         while stack > 0:
             stack -= 1
-            lo, depth = node_lo[stack], node_depth[stack]
-            width = 0.5**depth
+            lo, width, depth = node_lo[stack], node_width[stack], node_depth[stack]
             _middle_and_spread(bezier[i], lo, lo + width, q, delta)
             joint_poses(chain.info, chain.frame, q, joints)
             place_pieces(joints, info, solids.frame, size, moving, pose)
@@ -123,8 +153,8 @@ def prove(
                     joints, chain.info, chain.above, info[p, 0], pose, size, p,
                     reach[p],
                 )  # fmt: skip
+            x, y, z = tip_position(joints, tip)
             for k in range(lines.shape[0]):
-                x, y, z = tip_position(joints, tip)
                 stray = tube_stray(x, y, z, lines[k])
                 stray += _tip_motion(chain, joints, tip, x, y, z, delta)
                 covered[k] = stray <= lines[k, 7]
@@ -132,38 +162,39 @@ def prove(
             still = 0
             for at in range(left[depth]):
                 m = open_pairs[depth, at]
-                if failed[m]:
-                    continue
-                skip = False
-                for k in range(lines.shape[0]):
-                    if covered[k] and exempt[k, m]:
-                        skip = True
-                if skip:
+                if failed[m] or skipped(exempt, covered, m):
                     continue
                 a, b = piece[m, 0], piece[m, 1]
                 motion = relative_motion(
                     chain.above, info[a, 0], info[b, 0], reach[a], reach[b], delta
                 )
-                must = tracking + surplus[m] + ROUNDING_M
-                need = must + motion
-                if clearly_farther(pose, size, a, b, need):
+                away = surplus[m] + ROUNDING_M
+                if clearly_farther(pose, size, a, b, level + away + motion):
                     continue
                 status = gjk(
                     info, size, verts, near_start, near, pose,
-                    a, b, axes[m], need, -1e300, s, out,
+                    a, b, axes[m], level + away + motion, -1e300, s, out,
                 )  # fmt: skip
-                smallest = min(smallest, out[0] - surplus[m])
-                if status == FAR or out[7] > need:
+                if status == FAR or out[7] > level + away + motion:
                     continue
-                touching = out[0] <= must
-                if touching:
-                    # Contact is a failure here, unless the tip lies in a tube that exempts it:
-                    # then a shorter part may be proven.
-                    for k in range(lines.shape[0]):
-                        if exempt[k, m]:
-                            x, y, z = tip_position(joints, tip)
-                            if tube_stray(x, y, z, lines[k]) < lines[k, 7]:
-                                touching = False
+                # Contact is a failure here, unless the tip lies in a tube that exempts it: then a
+                # shorter part may be proven.
+                excused = False
+                for k in range(lines.shape[0]):
+                    if exempt[k, m] and tube_stray(x, y, z, lines[k]) < lines[k, 7]:
+                        excused = True
+                if not excused:
+                    if status == SOLVED and out[0] - surplus[m] < smallest:
+                        smallest = out[0] - surplus[m]
+                    if out[0] - surplus[m] - tolerance < level:
+                        level = out[0] - surplus[m] - tolerance
+                if depth >= level_depth and out[7] - away - motion < level:
+                    level = out[7] - away - motion
+                if level < tracking:
+                    level = tracking
+                if out[7] > level + away + motion:
+                    continue
+                touching = not excused and out[0] <= tracking + away
                 if touching or depth == max_depth:
                     if failures < max_failures:
                         where[failures, 0], where[failures, 1] = i, m
@@ -171,13 +202,15 @@ def prove(
                     failures += 1
                     failed[m] = True
                     if failures >= max_failures:
-                        return failures, evaluations, smallest
+                        return failures, evaluations, smallest, level
                     continue
                 open_pairs[depth + 1, still] = m
                 still += 1
             if still > 0:
                 left[depth + 1] = still
-                node_lo[stack], node_depth[stack] = lo + 0.5 * width, depth + 1
-                node_lo[stack + 1], node_depth[stack + 1] = lo, depth + 1
-                stack += 2
-    return failures, evaluations, smallest
+                half = 0.5 * width
+                node_lo[stack], node_width[stack], node_depth[stack] = lo + half, half, depth + 1
+                stack += 1
+                node_lo[stack], node_width[stack], node_depth[stack] = lo, half, depth + 1
+                stack += 1
+    return failures, evaluations, smallest, level

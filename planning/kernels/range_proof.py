@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from planning.jit import kernel
 from planning.kernels.gjk import FAR, clearly_farther, gjk
 from planning.kernels.kinematics import joint_poses, place_piece, reach_of_piece, relative_motion
@@ -16,24 +14,27 @@ __all__ = ["never_touch"]
 @kernel
 def never_touch(
     chain: Any, solids: Any, pose: Any, a: int, b: int, lower: Any, upper: Any, least: float,
-    most_cells: int,
+    most_cells: int, work: Any, stack: Any,
 ) -> bool:  # fmt: skip
     """Whether pieces a and b stay farther apart than `least` over the box [lower, upper] of q.
 
     Bisects the box in the joints between the two; a cell is done when the distance at its centre
     exceeds the largest relative motion in it (`planning.kernels.proof`). False as well when
     `most_cells` cells do not suffice: the pair then stays among those that are checked.
+    `stack` (256, 2, n) is workspace.
     """
     info, size, verts = solids.info, solids.size, solids.verts
     near_start, near = solids.near_start, solids.near
     n = lower.shape[0]
     ja, jb = info[a, 0], info[b, 0]
-    joints = np.empty((chain.info.shape[0], 15))
-    ra, rb = np.zeros(n), np.zeros(n)
-    s, out, axis = np.empty((4, 15)), np.empty(8), np.zeros(3)
-    stack = np.empty((256, 2, n))
-    stack[0, 0] = 0.5 * (lower + upper)
-    stack[0, 1] = 0.5 * (upper - lower)
+    joints, s, out, axis = work.joints, work.s, work.out, work.axis
+    ra, rb, q, delta = work.reach[a], work.reach[b], work.q, work.delta
+    for c in range(3):
+        axis[c] = 0.0
+    for j in range(n):
+        ra[j] = rb[j] = 0.0
+        stack[0, 0, j] = 0.5 * (lower[j] + upper[j])
+        stack[0, 1, j] = 0.5 * (upper[j] - lower[j])
     for j in range(n):
         if chain.above[ja, j + 1] == chain.above[jb, j + 1]:
             stack[0, 1, j] = 0.0
@@ -43,7 +44,8 @@ def never_touch(
         cells += 1
         if cells > most_cells or depth > 250:
             return False
-        q, delta = stack[depth, 0].copy(), stack[depth, 1].copy()
+        for j in range(n):
+            q[j], delta[j] = stack[depth, 0, j], stack[depth, 1, j]
         joint_poses(chain.info, chain.frame, q, joints)
         for p in (a, b):
             place_piece(joints, info[p, 0], solids.frame, p, pose)
@@ -67,13 +69,13 @@ def never_touch(
             return False
         widest, extent = 0, -1.0
         for j in range(n):
-            motion = max(ra[j], rb[j]) * delta[j]
+            motion = (ra[j] if ra[j] > rb[j] else rb[j]) * delta[j]
             if motion > extent:
                 widest, extent = j, motion
         delta[widest] *= 0.5
         for sign in (-1.0, 1.0):
-            stack[depth, 0] = q
+            for j in range(n):
+                stack[depth, 0, j], stack[depth, 1, j] = q[j], delta[j]
             stack[depth, 0, widest] += sign * delta[widest]
-            stack[depth, 1] = delta
             depth += 1
     return True

@@ -3,7 +3,9 @@
 `chain`, `solids`, `pairs` are those of `planning.packed`. `pose` (P, 15) is workspace with the
 poses of the standing pieces filled in; `moving` pieces come first. `tip` holds the joint and
 position (4,) of the tool tip, `lines` (L, 8) start, direction, length and stray of departure
-lines, `exempt` (L, M) the pairs that a tip inside the tube of a line may ignore.
+lines, `exempt` (L, M) the pairs that a tip inside the tube of a line may ignore, `inside` (L,)
+workspace for whether it is. `work` is `planning.packed.Work`; no kernel reads of it what the same
+call has not written.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import kernel
+from planning.jit import inner, kernel
 from planning.kernels.depth import signed_distance
 from planning.kernels.gjk import FAR, SOLVED, clearly_farther, gjk, outer_bound
 from planning.kernels.kinematics import (
@@ -29,7 +31,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-@kernel
+@inner
 def tip_position(joints: Any, tip: Any) -> tuple[float, float, float]:
     """The tool tip in the world."""
     j = int(tip[0])
@@ -41,17 +43,17 @@ def tip_position(joints: Any, tip: Any) -> tuple[float, float, float]:
     )
 
 
-@kernel
+@inner
 def tube_stray(x: float, y: float, z: float, line: Any) -> float:
     """Distance of a point to the segment of a departure line [m]."""
     px, py, pz = x - line[0], y - line[1], z - line[2]
     along = px * line[3] + py * line[4] + pz * line[5]
-    along = min(line[6], max(0.0, along))
+    along = 0.0 if along < 0.0 else (line[6] if along > line[6] else along)
     dx, dy, dz = px - along * line[3], py - along * line[4], pz - along * line[5]
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@kernel
+@inner
 def inside_tubes(joints: Any, tip: Any, lines: Any, inside: Any) -> None:
     """inside[l]: whether the tip lies in the tube of line l."""
     if lines.shape[0] == 0:
@@ -61,7 +63,7 @@ def inside_tubes(joints: Any, tip: Any, lines: Any, inside: Any) -> None:
         inside[k] = tube_stray(x, y, z, lines[k]) <= lines[k, 7]
 
 
-@kernel
+@inner
 def skipped(exempt: Any, inside: Any, m: int) -> bool:
     """Whether pair m is ignored by one of the tubes that the tip is in."""
     for k in range(exempt.shape[0]):  # noqa: SIM110 (numba compiles no any() of a generator)
@@ -73,7 +75,7 @@ def skipped(exempt: Any, inside: Any, m: int) -> bool:
 @kernel
 def smallest_distances(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
-    tip: Any, lines: Any, exempt: Any, phi: Any, nearest: Any, deep: Any,
+    tip: Any, lines: Any, exempt: Any, inside: Any, work: Any, phi: Any, nearest: Any, deep: Any,
 ) -> None:  # fmt: skip
     """phi[k] = min(cap, smallest distance at q[k]), nearest[k] its pair (−1: none below cap).
 
@@ -84,11 +86,12 @@ def smallest_distances(
     info, size, verts = solids.info, solids.size, solids.verts
     near_start, near = solids.near_start, solids.near
     piece, surplus = pairs.piece, pairs.extra
-    joints = np.empty((chain.info.shape[0], 15))
-    s, out = np.empty((4, 15)), np.empty(8)
+    joints, s, out, axes, bound, order = (
+        work.joints, work.s, work.out, work.axes, work.bound, work.order,
+    )  # fmt: skip
     count = piece.shape[0]
-    axes, bound, order = np.zeros((count, 3)), np.empty(count), np.empty(count, dtype=np.int64)
-    inside = np.zeros(lines.shape[0], dtype=np.bool_)
+    for m in range(count):
+        axes[m, 0] = axes[m, 1] = axes[m, 2] = 0.0
     for k in range(q.shape[0]):
         joint_poses(chain.info, chain.frame, q[k], joints)
         place_pieces(joints, info, solids.frame, size, moving, pose)
@@ -129,7 +132,7 @@ def smallest_distances(
 @kernel
 def near_pairs(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
-    tip: Any, lines: Any, exempt: Any, index: Any, values: Any,
+    tip: Any, lines: Any, exempt: Any, inside: Any, work: Any, grown: Any, index: Any, values: Any,
 ) -> int:  # fmt: skip
     """All pairs nearer than `cap` at the configurations q (K, n), with gradients.
 
@@ -142,11 +145,10 @@ def near_pairs(
     info, size, verts = solids.info, solids.size, solids.verts
     near_start, near = solids.near_start, solids.near
     piece, surplus = pairs.piece, pairs.extra
-    joints = np.empty((chain.info.shape[0], 15))
-    s, out, normal = np.empty((4, 15)), np.empty(8), np.empty(3)
+    joints, s, out, normal, axes = work.joints, work.s, work.out, work.axis, work.axes
     count = piece.shape[0]
-    axes = np.zeros((count, 3))
-    inside = np.zeros(lines.shape[0], dtype=np.bool_)
+    for m in range(count):
+        axes[m, 0] = axes[m, 1] = axes[m, 2] = 0.0
     rows = 0
     for k in range(q.shape[0]):
         joint_poses(chain.info, chain.frame, q[k], joints)
@@ -158,7 +160,20 @@ def near_pairs(
             if clearly_farther(pose, size, a, b, limit) or skipped(exempt, inside, m):
                 continue
             if not signed_distance(
-                info, size, verts, near_start, near, pose, a, b, axes[m], limit, s, out, normal
+                info,
+                size,
+                verts,
+                near_start,
+                near,
+                pose,
+                a,
+                b,
+                axes[m],
+                limit,
+                s,
+                grown,
+                out,
+                normal,
             ):
                 continue
             if rows < index.shape[0]:
@@ -173,7 +188,7 @@ def near_pairs(
     return rows
 
 
-@kernel
+@inner
 def contact_gradient(chain: Any, joints: Any, joint_a: int, joint_b: int, row: Any) -> None:
     """Gradient of a distance row from its points and normal, into `row[10:]`."""
     for j in range(10, row.shape[0]):
@@ -189,9 +204,11 @@ def contact_gradient(chain: Any, joints: Any, joint_a: int, joint_b: int, row: A
 
 
 @kernel
-def engine_rows(chain: Any, solids: Any, pairs: Any, q: Any, index: Any, values: Any) -> None:
+def engine_rows(
+    chain: Any, solids: Any, pairs: Any, q: Any, work: Any, index: Any, values: Any
+) -> None:
     """Gradients of rows whose distance, points and normal an engine has measured."""
-    joints = np.empty((chain.info.shape[0], 15))
+    joints = work.joints
     for r in range(index.shape[0]):
         joint_poses(chain.info, chain.frame, q[index[r, 0]], joints)
         a, b = pairs.piece[index[r, 1], 0], pairs.piece[index[r, 1], 1]
@@ -200,36 +217,35 @@ def engine_rows(chain: Any, solids: Any, pairs: Any, q: Any, index: Any, values:
 
 @kernel
 def reach_batch(
-    chain: Any, solids: Any, pose: Any, moving: int, q: Any, reach: Any, weight: Any
+    chain: Any, solids: Any, pose: Any, moving: int, q: Any, work: Any, reach: Any, weight: Any
 ) -> None:
     """R_j(q) and w_j(q) (K, n): maxima over all moving pieces."""
-    joints = np.empty((chain.info.shape[0], 15))
-    one = np.empty(q.shape[1])
+    joints, one = work.joints, work.delta
     for k in range(q.shape[0]):
         joint_poses(chain.info, chain.frame, q[k], joints)
         place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
-        reach[k] = 0.0
-        weight[k] = 0.0
+        for j in range(q.shape[1]):
+            reach[k, j] = weight[k, j] = 0.0
         for p in range(moving):
             joint = solids.info[p, 0]
             reach_of_piece(joints, chain.info, chain.above, joint, pose, solids.size, p, one)
             for j in range(q.shape[1]):
-                reach[k, j] = max(reach[k, j], one[j])
+                if one[j] > reach[k, j]:
+                    reach[k, j] = one[j]
             weight_of_piece(joints, chain.info, chain.above, joint, pose, solids.size, p, weight[k])
 
 
 @kernel
-def poses_at(chain: Any, solids: Any, pose: Any, moving: int, q: Any) -> None:
+def poses_at(chain: Any, solids: Any, pose: Any, moving: int, q: Any, work: Any) -> None:
     """Poses of all pieces at one q (n,) into `pose`."""
-    joints = np.empty((chain.info.shape[0], 15))
-    joint_poses(chain.info, chain.frame, q, joints)
-    place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+    joint_poses(chain.info, chain.frame, q, work.joints)
+    place_pieces(work.joints, solids.info, solids.frame, solids.size, moving, pose)
 
 
 @kernel
-def tips_at(chain: Any, tip: Any, q: Any, out: Any) -> None:
+def tips_at(chain: Any, tip: Any, q: Any, work: Any, out: Any) -> None:
     """Tip positions (K, 3) at rows of q."""
-    joints = np.empty((chain.info.shape[0], 15))
+    joints = work.joints
     for k in range(q.shape[0]):
         joint_poses(chain.info, chain.frame, q[k], joints)
         out[k, 0], out[k, 1], out[k, 2] = tip_position(joints, tip)
@@ -238,14 +254,13 @@ def tips_at(chain: Any, tip: Any, q: Any, out: Any) -> None:
 @kernel
 def candidate_pairs(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
-    tip: Any, lines: Any, exempt: Any, chosen: Any,
+    tip: Any, lines: Any, exempt: Any, inside: Any, work: Any, chosen: Any,
 ) -> int:  # fmt: skip
     """Pairs at one q (n,) whose balls and boxes come nearer than `cap`; leaves the poses behind."""
     # Arrays taken out of their tuples once: inside the loops each access would count references.
     info, size = solids.info, solids.size
     piece, surplus = pairs.piece, pairs.extra
-    joints = np.empty((chain.info.shape[0], 15))
-    inside = np.zeros(lines.shape[0], dtype=np.bool_)
+    joints = work.joints
     joint_poses(chain.info, chain.frame, q, joints)
     place_pieces(joints, info, solids.frame, size, moving, pose)
     inside_tubes(joints, tip, lines, inside)

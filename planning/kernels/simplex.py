@@ -9,26 +9,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from planning.jit import kernel
+import numpy as np
+
+from planning.jit import inner
 
 __all__ = ["nearest"]
 
 INSIDE = 5
 
 
-@kernel
+@inner
 def _dot(s: Any, i: int, k: int) -> float:
     return s[i, 0] * s[k, 0] + s[i, 1] * s[k, 1] + s[i, 2] * s[k, 2]
 
 
-@kernel
-def _copy(s: Any, source: int, target: int) -> None:
-    if source != target:
-        for c in range(9):
-            s[target, c] = s[source, c]
-
-
-@kernel
+@inner
 def _edge(s: Any, i: int, k: int, weight: Any) -> float:
     """Weights of rows i, k at the point of edge ik nearest to the origin; its squared norm."""
     ii, kk, ik = _dot(s, i, i), _dot(s, k, k), _dot(s, i, k)
@@ -36,7 +31,7 @@ def _edge(s: Any, i: int, k: int, weight: Any) -> float:
     t = 0.0
     if length > 0.0:
         t = (ii - ik) / length
-    t = min(1.0, max(0.0, t))
+    t = 0.0 if t < 0.0 else (1.0 if t > 1.0 else t)
     weight[0], weight[1] = 1.0 - t, t
     total = 0.0
     for c in range(3):
@@ -45,7 +40,7 @@ def _edge(s: Any, i: int, k: int, weight: Any) -> float:
     return total
 
 
-@kernel
+@inner
 def _triangle(s: Any, i: int, k: int, m: int, weight: Any) -> float:
     """Weights of rows i, k, m at the nearest point of the triangle; its squared norm."""
     abx, aby, abz = s[k, 0] - s[i, 0], s[k, 1] - s[i, 1], s[k, 2] - s[i, 2]
@@ -82,7 +77,7 @@ def _triangle(s: Any, i: int, k: int, m: int, weight: Any) -> float:
     return best
 
 
-@kernel
+@inner
 def _signed_area(s: Any, i: int, k: int, nx: float, ny: float, nz: float) -> float:
     """(w_i × w_k) · n."""
     return (
@@ -92,7 +87,7 @@ def _signed_area(s: Any, i: int, k: int, nx: float, ny: float, nz: float) -> flo
     )
 
 
-@kernel
+@inner
 def _volume(s: Any, i: int, k: int, m: int) -> float:
     """w_i · (w_k × w_m)."""
     return (
@@ -102,30 +97,39 @@ def _volume(s: Any, i: int, k: int, m: int) -> float:
     )
 
 
-@kernel
+@inner
 def nearest(s: Any, count: int, lam: Any, weight: Any) -> int:
-    """Reduce `count` rows of `s` to those that carry the point nearest to the origin."""
+    """Reduce `count` rows of `s` to those that carry the point nearest to the origin.
+
+    Columns 9 to 12 of rows 2 and 3 are workspace.
+    """
     if count == 1:
         lam[0] = 1.0
         return 1
     if count == 2:
-        _edge(s, 0, 1, weight)
+        _edge(s, count - 2, count - 1, weight)
         lam[0], lam[1] = weight[0], weight[1]
     else:
         # Signed volumes of the tetrahedra that the origin makes with the faces (face f leaves row
         # f out): all of the sign of the whole means inside, and only faces of the other sign can
         # carry the nearest point. A triangle is the face that leaves out a fourth row.
-        volume = (1.0, 1.0, 1.0, -1.0)
-        whole, flat = 1.0, False
+        whole, size, flat = 1.0, 0.0, False
+        for f in range(4):
+            s[2, 9 + f] = 1.0 if f < 3 else -1.0
         if count == 4:
-            v0, v1 = _volume(s, 1, 2, 3), -_volume(s, 0, 2, 3)
-            v2, v3 = _volume(s, 0, 1, 3), -_volume(s, 0, 1, 2)
-            whole = v0 + v1 + v2 + v3
-            volume = (v0, v1, v2, v3)
-            flat = abs(whole) <= 1e-14 * (abs(v0) + abs(v1) + abs(v2) + abs(v3))
+            whole = 0.0
+            for f in range(4):
+                a, b, c = 1 if f == 0 else 0, 2 if f <= 1 else 1, 3 if f <= 2 else 2
+                volume = _volume(s, a, b, c)
+                if f % 2 == 1:
+                    volume = -volume
+                s[2, 9 + f] = volume
+                whole += volume
+                size += abs(volume)
+            flat = abs(whole) <= 1e-14 * size
         best = 1e300
         for f in range(4):
-            if not flat and volume[f] * whole > 0.0:
+            if not flat and s[2, 9 + f] * whole > 0.0:
                 continue
             a, b, c = 1 if f == 0 else 0, 2 if f <= 1 else 1, 3 if f <= 2 else 2
             if c >= count:
@@ -138,10 +142,12 @@ def nearest(s: Any, count: int, lam: Any, weight: Any) -> int:
                 lam[a], lam[b], lam[c] = weight[0], weight[1], weight[2]
         if best == 1e300:
             return INSIDE
-    kept = 0
+    kept: Any = np.int64(0)
     for i in range(count):
         if lam[i] > 0.0:
-            _copy(s, i, kept)
+            if i != kept:
+                for c in range(9):
+                    s[kept, c] = s[i, c]
             lam[kept] = lam[i]
             kept += 1
     return kept

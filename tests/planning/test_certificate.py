@@ -123,6 +123,39 @@ def test_what_is_certified_survives_a_dense_check_by_the_other_engine(seed: int)
     assert outcome[True] > 0
 
 
+@pytest.mark.parametrize("clearance_m", [0.02, 0.1])
+def test_the_proven_clearance_is_below_the_true_one_and_close(clearance_m: float) -> None:
+    """Nothing of a dense sample is nearer than proven; where the demand is met, it is proven."""
+    kept = close = 0
+    for seed in (1, 2, 3):
+        world = world_for(ROBOT, (), clutter(seed), clearance_m=clearance_m)
+        clearance = world.clearance()
+        q = random_q(ROBOT, 400, seed)
+        q = q[clearance.phi(q) > 0.02]
+        for a, b in zip(q[0:24:2], q[1:24:2]):
+            trajectory = quintic(a, a + 0.4 * (b - a))
+            certificate = clearance.certify(trajectory)
+            if not certificate.ok:
+                assert certificate.proven_clearance_m is None
+                continue
+            dense = trajectory.sample(np.linspace(0, trajectory.t_s[-1], 4001)).q_rad
+            least = float(clearance.phi(dense).min())
+            proven, seen = certificate.proven_clearance_m, certificate.min_clearance_m
+            assert clearance.tracking_error_m <= proven <= clearance_m
+            assert proven <= least + 1e-9
+            # Seen is an upper bound of the true minimum (up to what 4001 samples miss).
+            assert seen >= least - 1e-3
+            if least > 1.06 * clearance_m:
+                kept += 1
+                assert proven == clearance_m
+            elif least > clearance.tracking_error_m + 0.06 * clearance_m:
+                close += 1
+                assert proven > least - 0.1 * clearance_m - 0.003
+                assert seen < least + 0.05 * clearance_m + 1e-3
+    assert kept >= 3 or clearance_m > 0.05
+    assert close >= 3
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
 def test_certified_means_free_for_random_curves(seed: int) -> None:

@@ -4,7 +4,6 @@ import numpy as np
 from scenes import clutter, random_q, snake
 
 from dmoc.robot import load_robot
-from planning.kernels.scene import poses_at
 from planning.world import world_for
 
 ROBOT = load_robot("ur10e_class")
@@ -13,7 +12,7 @@ ROBOT = load_robot("ur10e_class")
 def surface_points(world, q: np.ndarray) -> np.ndarray:
     """Corners and centres of all moving pieces at q, (P, 3)."""
     scene, points = world.scene, []
-    poses_at(scene.chain, scene.solids, scene.pose, scene.moving, q)
+    scene.place(q)
     for p in range(scene.moving):
         piece, pose = scene.pieces[p], scene.pose[p]
         local = piece.vertices_m

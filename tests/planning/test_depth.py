@@ -7,15 +7,35 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planning.engines.coal_engine import CoalEngine
-from planning.kernels.depth import overlap_depth, signed_distance
+from planning.jit import kernel
+from planning.kernels import depth as inner
 from planning.shapes import Shape
 from tests.planning.test_engines import Pair, random_pose, random_shape
+
+
+@kernel
+def overlap_depth(info, size, verts, near_start, near, pose, a, b, grown, out, normal):
+    """The inner kernel, called from Python."""
+    inner.overlap_depth(info, size, verts, near_start, near, pose, a, b, grown, out, normal)
+
+
+@kernel
+def signed_distance(
+    info, size, verts, near_start, near, pose, a, b, axis, above, s, grown, out, normal
+):
+    """The inner kernel, called from Python."""
+    return inner.signed_distance(
+        info, size, verts, near_start, near, pose, a, b, axis, above, s, grown, out, normal
+    )
 
 
 def depth(pair: Pair) -> tuple[np.ndarray, np.ndarray]:
     out, normal = np.full(8, np.nan), np.full(3, np.nan)
     s = pair.solids
-    overlap_depth(s.info, s.size, s.verts, s.near_start, s.near, pair.pose, 0, 1, out, normal)
+    overlap_depth(
+        s.info, s.size, s.verts, s.near_start, s.near, pair.pose, 0, 1, inner.grown_workspace(),
+        out, normal,
+    )  # fmt: skip
     return out, normal
 
 
@@ -23,7 +43,7 @@ def signed(pair: Pair) -> tuple[float, np.ndarray]:
     out, normal, s = np.empty(8), np.empty(3), pair.solids
     assert signed_distance(
         s.info, s.size, s.verts, s.near_start, s.near, pair.pose, 0, 1, np.zeros(3), 1e9,
-        np.empty((4, 15)), out, normal,
+        np.empty((4, 15)), inner.grown_workspace(), out, normal,
     )  # fmt: skip
     return float(out[0]), normal
 

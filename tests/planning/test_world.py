@@ -7,7 +7,6 @@ from scenes import box, clutter, random_q, snake
 from dmoc.errors import InputError, MeshError, ProblemError
 from dmoc.robot import load_robot
 from planning.departure_line import DepartureLine, line_stray_m
-from planning.kernels.scene import poses_at
 from planning.shapes import Body, Shape, pose_matrix
 from planning.world import world_for
 
@@ -103,7 +102,7 @@ def test_pairs_dropped_by_proof_never_touch() -> None:
         corners = np.array(np.meshgrid(*[[0, 1]] * 6)).reshape(6, -1).T
         q = np.vstack([q, robot.q_lower_rad + corners * (robot.q_upper_rad - robot.q_lower_rad)])
         for row in q:
-            poses_at(scene.chain, scene.solids, scene.pose, scene.moving, row)
+            scene.place(row)
             for a, b in world.never_touching:
                 for i in pieces[a]:
                     for k in pieces[b]:
