@@ -143,10 +143,10 @@ class Motion:
     max_defect: float | None = None
     replay_error_rad: float | None = None
     min_clearance_m: float | None = None
-    proven_clearance_m: float | None = None
     certified: bool | None = None
     note: str = ""
     replay: Replay | None = None
+    proven_clearance_m: float | None = None
 
     @property
     def duration_s(self) -> float:
