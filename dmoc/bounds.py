@@ -14,7 +14,16 @@ from dmoc.nlp_types import Box
 from dmoc.programme import MotionProgramme
 from dmoc.state import mass_matrices
 
-__all__ = ["fixed_knots", "knot_bounds", "parameters", "row_bounds", "variable_bounds"]
+__all__ = [
+    "end_momenta",
+    "fixed_knots",
+    "knot_bounds",
+    "limit_bounds",
+    "parameters",
+    "row_bounds",
+    "step_bounds",
+    "variable_bounds",
+]
 
 SHORTEST_STEP_S = 1e-4
 LONGEST_MOTION_S = 120.0
@@ -43,9 +52,7 @@ def variable_bounds(
     """Bounds of x."""
     layout, count = motion.layout, problem.num_intervals
     lower, upper = knot_bounds(problem, box)
-    h = (SHORTEST_STEP_S, LONGEST_MOTION_S / count)
-    if problem.duration_s is not None:
-        h = (problem.duration_s / count,) * 2
+    h = step_bounds(problem)
     one = np.ones((count, problem.robot.num_joints))
     goal_velocity = np.asarray(problem.goal_velocity_rad_s)
     v = (goal_velocity, goal_velocity)
@@ -56,6 +63,14 @@ def variable_bounds(
         layout.pack(lower, -one, h[0], v[0][last]),
         layout.pack(upper, one, h[1], v[1][last]),
     )
+
+
+def step_bounds(problem: MotionProblem) -> tuple[float, float]:
+    """Least and most h [s]; equal for a given duration."""
+    count = problem.num_intervals
+    if problem.duration_s is not None:
+        return (problem.duration_s / count,) * 2
+    return SHORTEST_STEP_S, LONGEST_MOTION_S / count
 
 
 def fixed_knots(problem: MotionProblem) -> list[tuple[Any, Array]]:
@@ -72,21 +87,45 @@ def row_bounds(
     problem: MotionProblem, motion: MotionProgramme, lower_half: Array, margins: Margins
 ) -> tuple[Array, Array]:
     """Bounds of all rows; the right-hand side of the momentum rows holds the end momenta."""
-    size, limits = motion.programme.num_rows, problem.limits
+    size = motion.programme.num_rows
     lower, upper = -np.ones(size), np.ones(size)
     momentum = motion.rows["momentum"]
     lower[momentum] = upper[momentum] = 0.0
+    first, last = end_momenta(problem)
+    lower[momentum[0]] = upper[momentum[0]] = -first
+    if not motion.layout.end_velocity:
+        lower[momentum[-1]] = upper[momentum[-1]] = last
+    limit_bounds(problem, motion, lower_half, margins, lower, upper)
+    return lower, upper
+
+
+def end_momenta(problem: MotionProblem) -> tuple[Array, Array]:
+    """s M(q) q̇ (n,) at start and goal, s the scale of the momentum rows."""
+    scale = 1.0 / (ROW_TIME_S * problem.robot.torque_limit_nm)
+    ends = (
+        (problem.start_rad, problem.start_velocity_rad_s),
+        (problem.goal_rad, problem.goal_velocity_rad_s),
+    )
+    first, last = (
+        scale * (mass_matrices(problem.robot, q[None])[0] @ v) if np.any(v) else np.zeros(len(q))
+        for q, v in ends
+    )
+    return first, last
+
+
+def limit_bounds(
+    problem: MotionProblem,
+    motion: MotionProgramme,
+    lower_half: Array,
+    margins: Margins,
+    lower: Array,
+    upper: Array,
+) -> None:
+    """Write the bounds of all rows that are limits into `lower` and `upper`."""
+    limits = problem.limits
     for name in ("velocity", "acceleration"):
         if name in motion.rows:
             lower[motion.rows[name]], upper[motion.rows[name]] = getattr(margins, name)
-    scale = 1.0 / (ROW_TIME_S * problem.robot.torque_limit_nm)
-    ends = [(0, -1.0, problem.start_rad, problem.start_velocity_rad_s)]
-    if not motion.layout.end_velocity:
-        ends.append((-1, 1.0, problem.goal_rad, problem.goal_velocity_rad_s))
-    for at, sign, q, v in ends:
-        if np.any(v):
-            p = sign * scale * (mass_matrices(problem.robot, q[None])[0] @ v)
-            lower[momentum[at]] = upper[momentum[at]] = p
     if "half_spaces" in motion.rows:
         place = motion.rows["half_spaces"]
         lower[place], upper[place] = lower_half, np.inf
@@ -99,7 +138,6 @@ def row_bounds(
     for i, condition in enumerate(limits.end):
         place = motion.rows[f"end{i}"]
         lower[place], upper[place] = condition.lower, condition.upper
-    return lower, upper
 
 
 def parameters(

@@ -32,6 +32,7 @@ from dmoc.half_spaces import capacity_for, half_space_params, without_idle_rows
 from dmoc.motion import MotionProblem
 from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, IpoptParams, NlpSolution, PathRows
 from dmoc.programme import Families, MotionProgramme, motion_programme
+from dmoc.staged import staged_bounds, staged_programme, staged_structure
 from dmoc.state import knot_velocities, max_defect, residuals
 from dmoc.status import Status
 
@@ -53,6 +54,8 @@ STATUS = {
 
 # A motion whose equations hold less well than this (fraction of h u_max) is not called converged.
 LARGEST_DEFECT = 1e-6
+# fatrop measures its tolerance on its own scale; this keeps the optima equal to 1e-6.
+FATROP_TOLERANCE = 1e-8
 # How often the rows of speed and acceleration are set right by the curve of their solution.
 MOST_CORRECTIONS = 5
 
@@ -153,10 +156,12 @@ def _with_lazy_limits(
             if wider != families:
                 lag = lag.tempered(curve)
             margins = replace(margins, lag=lag)
-            carried = _carried(problem, solution.multipliers, wider, lag)
+            carried = None
+            if solution.multipliers is not None:
+                carried = _carried(problem, solution.multipliers, wider, lag)
             guess = Guess(solution.q_rad, solution.torque_nm, solution.step_s, carried)
         families = wider
-    if families.limited and solution.status.ok:
+    if families.limited and solution.status.ok and solution.multipliers is not None:
         known = replace(
             solution.multipliers,
             lag=_lag(problem, solution).tempered(_curve(problem, solution, True)),
@@ -199,11 +204,15 @@ def _solve_once(
     families: Families,
     margins: Margins,
 ) -> NlpSolution:
-    motion = motion_programme(problem, families)
+    staged = params.solver == "fatrop"
+    motion = staged_programme(problem, families) if staged else motion_programme(problem, families)
     layout, robot = motion.layout, problem.robot
     half, lower_half = half_space_params(problem, rows, families.half_spaces)
-    lbx, ubx = variable_bounds(problem, motion, box)
-    lbg, ubg = row_bounds(problem, motion, lower_half, margins)
+    if staged:
+        (lbx, ubx), (lbg, ubg) = staged_bounds(problem, motion, box, lower_half, margins)
+    else:
+        lbx, ubx = variable_bounds(problem, motion, box)
+        lbg, ubg = row_bounds(problem, motion, lower_half, margins)
     if np.any(lbx > ubx) or np.any(lbg > ubg):
         return _hopeless(problem, guess, families)
     x0 = layout.pack(guess.q_rad, guess.torque_nm / robot.torque_limit_nm, guess.step_s)
@@ -213,7 +222,8 @@ def _solve_once(
     }  # fmt: skip
     multipliers = guess.multipliers
     warm = (
-        isinstance(multipliers, Multipliers)
+        not staged
+        and isinstance(multipliers, Multipliers)
         and multipliers.families == families
         and (len(multipliers.bounds), len(multipliers.rows)) == (layout.size, len(lbg))
     )
@@ -222,7 +232,7 @@ def _solve_once(
     solver = _solver(motion, params, warm)
     result, stats = solver(**arguments), solver.stats()
     x = np.array(result["x"]).ravel()
-    status = STATUS.get(stats["return_status"], Status.NUMERICAL_FAILURE)
+    status = _status(stats, params)
     cost = float(result["f"])
     if not (np.all(np.isfinite(x)) and np.isfinite(cost)):
         status, x = Status.NUMERICAL_FAILURE, arguments["x0"]
@@ -238,10 +248,20 @@ def _solve_once(
         velocity_rad_s=knot_velocities(robot, q, left, right),
         cost=cost - smoothing, smoothing_cost=smoothing, iterations=int(stats["iter_count"]),
         max_defect=defect,
-        multipliers=Multipliers(
+        multipliers=None if staged else Multipliers(
             np.array(result["lam_x"]).ravel(), np.array(result["lam_g"]).ravel(), families
         ),
     )  # fmt: skip
+
+
+def _status(stats: dict[str, Any], params: IpoptParams) -> Status:
+    if params.solver == "ipopt":
+        return STATUS.get(stats["return_status"], Status.NUMERICAL_FAILURE)
+    if stats["success"]:
+        return Status.CONVERGED
+    # fatrop does not tell an infeasible problem from other failures.
+    stopped = stats["iter_count"] >= params.max_iterations
+    return Status.ITERATION_LIMIT if stopped else Status.NUMERICAL_FAILURE
 
 
 def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSolution:
@@ -257,15 +277,25 @@ def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSo
 
 
 def _solver(motion: MotionProgramme, params: IpoptParams, warm: bool) -> ca.Function:
+    settings: dict[str, Any]
+    options: dict[str, Any]
     key = (motion.key, params, warm)
-    if key not in _SOLVERS:
+    if key not in _SOLVERS and params.solver == "fatrop":
+        settings = {
+            "print_level": 0, "tol": min(params.tolerance, FATROP_TOLERANCE),
+            "max_iter": params.max_iterations,
+        }  # fmt: skip
+        structure = {"structure_detection": "manual", **staged_structure(motion)}
+        options = {"print_time": False, "fatrop": settings, **structure}
+        _SOLVERS[key] = ca.nlpsol("motion", "fatrop", motion.programme.nlp, options)
+    elif key not in _SOLVERS:
         programme = motion.programme
-        settings = _IPOPT | {
+        settings = dict(_IPOPT) | {
             "tol": params.tolerance, "acceptable_tol": params.acceptable_tolerance,
             "acceptable_iter": params.acceptable_iterations, "max_iter": params.max_iterations,
         }  # fmt: skip
         settings |= _WARM if warm else {}
-        options: dict[str, Any] = {f"ipopt.{name}": value for name, value in settings.items()}
+        options = {f"ipopt.{name}": value for name, value in settings.items()}
         options |= {
             "print_time": False, "no_nlp_grad": True, "calc_lam_p": False,
             "grad_f": programme.grad_f, "jac_g": programme.jac_g, "hess_lag": programme.hess_lag,

@@ -14,7 +14,7 @@ from dmoc.status import Status
 
 __all__ = ["DEFAULT_PARAMS", "Box", "Guess", "IpoptParams", "NlpSolution", "PathRows"]
 
-SOLVERS = ("ipopt",)
+SOLVERS = ("ipopt", "fatrop")
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,9 @@ class IpoptParams:
 
     With `limit_curve` speed and acceleration limits hold on the whole executed curve (to 1 %), else
     only for differences of the knots.
-    `solver` is `ipopt`; anything else is refused.
+    `solver` is `ipopt` or `fatrop`, which finds the same optima but, in CasADi's interface, takes
+    no derivatives from us and is several times slower; it starts cold, its `acceptable_` settings
+    do not exist, and it carries no limits that look back further than one knot (`dmoc.staged`).
     """
 
     tolerance: float = 1e-6

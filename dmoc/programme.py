@@ -29,7 +29,15 @@ from dmoc.stages import (
 )
 from dmoc.transcription import Block, Index, Layout, Programme, assemble
 
-__all__ = ["Families", "MotionProgramme", "arm_of", "motion_programme"]
+__all__ = [
+    "Builder",
+    "Families",
+    "MotionProgramme",
+    "Places",
+    "arm_of",
+    "motion_programme",
+    "stages_of",
+]
 
 _ARMS: dict[str, ArmModel] = {}
 _STAGES: dict[tuple[Any, ...], StageSet] = {}
@@ -82,6 +90,16 @@ def arm_of(robot: Robot) -> ArmModel:
 
 def motion_programme(problem: MotionProblem, families: Families) -> MotionProgramme:
     """The programme for `problem` with `families` of rows, built once per process and backend."""
+    physics, stages = stages_of(problem)
+    backend = stages.current()
+    key = (*physics, backend.name, problem.num_intervals, problem.limits.shape, families)
+    if key not in _PROGRAMMES:
+        _PROGRAMMES[key] = Builder(problem, backend, families).build(key)
+    return _PROGRAMMES[key]
+
+
+def stages_of(problem: MotionProblem) -> tuple[tuple[Any, ...], StageSet]:
+    """What dynamics and cost depend on, and their stages."""
     robot, cost = problem.robot, problem.cost
     kind = type(cost).__name__
     if isinstance(cost, Cost) and cost.has_matrices:
@@ -93,11 +111,7 @@ def motion_programme(problem: MotionProblem, families: Families) -> MotionProgra
     if physics not in _STAGES:
         dynamics = dynamics_stage(arm_of(robot), problem.wrench is not None)
         _STAGES[physics] = StageSet((dynamics, _cost_stage(problem)))
-    backend = _STAGES[physics].current()
-    key = (*physics, backend.name, problem.num_intervals, problem.limits.shape, families)
-    if key not in _PROGRAMMES:
-        _PROGRAMMES[key] = _Builder(problem, backend, families).build(key)
-    return _PROGRAMMES[key]
+    return physics, _STAGES[physics]
 
 
 def _cost_stage(problem: MotionProblem) -> Stage:
@@ -114,7 +128,7 @@ def _cost_stage(problem: MotionProblem) -> Stage:
     return electrical_stage(n, drive, cost.friction_smoothing_rad_s)
 
 
-class _Places:
+class Places:
     """Hands out consecutive positions by name."""
 
     def __init__(self) -> None:
@@ -130,7 +144,7 @@ class _Places:
         return self.places[name]
 
 
-class _Builder:
+class Builder:
     """Collects the blocks of one programme."""
 
     def __init__(self, problem: MotionProblem, backend: Backend, families: Families) -> None:
@@ -138,7 +152,7 @@ class _Builder:
         self.n, self.count = problem.robot.num_joints, problem.num_intervals
         self.layout = Layout(self.count, self.n, problem.limits.needs_end_state)
         self.families = families
-        self.params, self.rows = _Places(), _Places()
+        self.params, self.rows = Places(), Places()
         self.blocks: list[Block] = []
         self.stages = backend.stages
 
