@@ -25,6 +25,7 @@ from planning.edge_motion import EdgeParams, plan_motion
 from planning.shapes import Body
 from planning.station import Station
 from planning.studs import Stud
+from planning.warm_up import warm_up
 from planning.world import CollisionWorld
 from sequencing.store import decode_motion, encode_motion
 
@@ -77,7 +78,10 @@ def write_context(station: Station, folder: Path) -> str:
 def _context(path: str) -> tuple[Station, CollisionWorld, dict[str, Stud]]:
     # Only files written by `write_context` of the same run are read here.
     station: Station = pickle.loads(Path(path).read_bytes())
-    return station, CollisionWorld(station), {stud.id: stud for stud in station.studs}
+    world = CollisionWorld(station)
+    # Workers that start together on a fresh machine share the compilation of the kernels.
+    warm_up(world, reverse=os.getpid() % 2 == 1)
+    return station, world, {stud.id: stud for stud in station.studs}
 
 
 def solve_edge(job: EdgeJob) -> EdgeResult:

@@ -1,0 +1,29 @@
+"""Have every kernel of a world compiled, so that processes that start together share the work."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planning.certificate import prove_path
+from planning.world import CollisionWorld
+
+__all__ = ["warm_up"]
+
+
+def warm_up(world: CollisionWorld, reverse: bool = False) -> None:
+    """Ask every query once; nothing is kept of the answers.
+
+    On a fresh machine each kernel is compiled by the first process that needs it and read from the
+    cache folder by the others. Two processes that begin at opposite ends (`reverse`) compile
+    different kernels at the same time. Afterwards this costs milliseconds.
+    """
+    scene, edge = world.scene, world.clearance()
+    q = np.vstack([world.robot.q_lower_rad, world.robot.q_upper_rad])
+    queries = (
+        lambda: edge.rows(q, world.clearance_m),
+        lambda: edge.phi(q),
+        lambda: scene.segment_contact(q[0], q[1], 1e3, 0.0, scene.everything),
+        lambda: prove_path(edge, q, max_depth=1),
+    )
+    for query in reversed(queries) if reverse else queries:
+        query()
