@@ -156,7 +156,9 @@ def _heuristic(
             callback(Incumbent(count, lifted, admissible_cost(problem, lifted)))
 
     arrays = prepare(form)
-    goal = limits.target_cost + 1e-9 * abs(limits.target_cost)
+    goal = limits.target_cost
+    if math.isfinite(goal):  # (−inf + inf would be NaN)
+        goal += 1e-9 * abs(goal)
     plan = Plan.of(form.num_clusters, effort, limits.iterations)
     if method == "memetic":
         offspring = max(2, plan.iterations // 1000)

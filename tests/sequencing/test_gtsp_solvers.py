@@ -11,7 +11,14 @@ import pytest
 
 from benchmarks import station_like
 from dmoc.errors import ProblemError
-from sequencing.gtsp import GtspProblem, Stop, held_karp_memory_bytes, run_gtsp_file, solve
+from sequencing.gtsp import (
+    GtspProblem,
+    Stop,
+    held_karp_memory_bytes,
+    memetic,
+    run_gtsp_file,
+    solve,
+)
 from sequencing.gtsp.bounded_dp import bounded_dp
 from sequencing.gtsp.held_karp import held_karp
 from sequencing.gtsp.normal_form import normal_form
@@ -163,6 +170,19 @@ def test_target_cost_stops_early():
     stop = Stop(iterations=400_000, target_cost=1e9)
     solve(problem, stop, method="heuristic", callback=lambda i: counts.append(i.iterations))
     assert counts[-1] < 400_000
+
+
+def test_the_whole_budget_is_spent_when_there_is_no_target(monkeypatch):
+    spent = []
+    improve = memetic.ruin_recreate
+
+    def count(arrays, iterations, *rest, **named):
+        spent.append(iterations)
+        return improve(arrays, iterations, *rest, **named)
+
+    monkeypatch.setattr(memetic, "ruin_recreate", count)
+    solve(station_like.station_like(20, 3), 60_000, method="heuristic")
+    assert 57_000 <= sum(spent) <= 60_000
 
 
 def test_pool_holds_different_admissible_tours():
