@@ -86,7 +86,7 @@ def ng_backward(  # type: ignore[no-untyped-def]
                 base = rows[h, memory]
                 for u in range(ptr[h], ptr[h + 1]):
                     come = forward[k, u]
-                    if not come < cut:
+                    if come == np.inf:  # (≥ cut would not do: what follows may be negative)
                         continue
                     best = np.inf
                     for a in range(link[u], link[u + 1]):

@@ -72,6 +72,27 @@ def test_bounded_dp_on_every_kind_of_problem(block):
             assert bound == pytest.approx(optimum, abs=1e-5)
 
 
+@pytest.mark.parametrize("block", range(4))
+def test_bounded_dp_is_honest_below_any_cut_and_limit(block):
+    """Every feature mixed, negative costs among them: a part of 2,000 cases run once."""
+    for seed in range(20000 + 15 * block, 20015 + 15 * block):
+        problem = random_problem(seed, clusters=4)
+        form = normal_form(problem)
+        if problem.num_clusters == 1 or form.empty:
+            continue
+        optimum = brute_force(problem)
+        for upper in (math.inf, optimum, optimum + 7.0):
+            for states in (None, 0, 1, 5):
+                nodes, bound = bounded_dp(form, upper, 1e-7, states, 1 << 28)
+                assert bound <= optimum + 1e-5, (seed, upper, states)
+                if nodes is not None:
+                    assert problem.tour_cost(form.lift(nodes)) >= optimum - 1e-6
+                if states is None:
+                    assert bound >= optimum - 1e-5, (seed, upper)
+                    found = nodes is not None
+                    assert found == (math.isfinite(optimum) and upper > optimum), (seed, upper)
+
+
 @pytest.mark.parametrize("method", ["heuristic", "memetic", "ruin-recreate"])
 def test_heuristics_are_honest_and_mostly_optimal(method):
     hits = 0
