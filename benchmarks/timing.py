@@ -9,6 +9,7 @@ same box, with the same objective (collision = +inf, as a large number where a p
 
 from __future__ import annotations
 
+import itertools
 import sys
 import time
 from collections.abc import Callable
@@ -449,8 +450,8 @@ def grid() -> None:
     flat = np.array([t for row in cell.durations_s for t in row])
     geometry = Geometry(cell)
     rows = []
-    for index in (0, 7, 19, 31):
-        numbers = list(layout.numbers[index])[:2]
+    for index, (one, two) in itertools.product((0, 19, 33, 34), ((0, 1), (0, 2), (1, 2))):
+        numbers = [layout.numbers[index][one], layout.numbers[index][two]]
         length = float(flat[numbers].max())
         line = prepared.window(numbers, length, length / 500)
         graph = slack_graph([[flat[k]] for k in numbers], (), length)
@@ -468,7 +469,8 @@ def grid() -> None:
             found = optimise_timing(line, graph, seed, free)
             rows.append(
                 {
-                    "window": index, "seed": seed, "grid_j": float(energy.min()),
+                    "window": index, "robots": f"{one}, {two}", "seed": seed,
+                    "grid_j": float(energy.min()),
                     "own_j": found.value_j,
                     "own_above_grid_percent": 100 * (found.value_j / energy.min() - 1),
                     "start_j": cost(line, np.zeros(2), np.ones(2)),

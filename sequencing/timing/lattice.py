@@ -92,14 +92,17 @@ def moves_of(
     ahead: np.ndarray,
     behind: np.ndarray,
     limit: float,
-) -> Moves:
-    """Every point on some way of at most `limit` seconds, with its moves on such ways."""
+    most_points: int = 20_000,
+) -> tuple[Moves, bool]:
+    """Every point on some way of at most `limit` seconds, with its moves on such ways; True.
+
+    Where there are more than `most_points`, only points next to one quickest way; False.
+    """
     counts = tuple(len(row) for row in durations_s)
     robots = range(len(counts))
     steps = [m for m in product((0, 1), repeat=len(counts)) if any(m)]
-    found: Moves = {}
-    for flat in np.flatnonzero(ahead + behind <= limit):
-        state = tuple(int(k) for k in np.unravel_index(flat, ahead.shape))
+
+    def rows_at(state: Point) -> list[tuple[Point, float]]:
         rows = []
         for step in steps:
             running = [r for r in robots if step[r]]
@@ -111,9 +114,27 @@ def moves_of(
             after = tuple(k + m for k, m in zip(state, step))
             if ahead[state] + length + behind[after] <= limit:
                 rows.append((step, length))
-        if rows:
-            found[state] = rows
-    return found
+        return rows
+
+    useful = np.flatnonzero(ahead + behind <= limit)
+    whole = useful.size <= most_points
+    if whole:
+        points = [tuple(map(int, np.unravel_index(k, ahead.shape))) for k in useful]
+    else:
+        near = set()
+        at: Point = (0,) * len(counts)
+        while at != counts:
+            for shift in product((-1, 0, 1), repeat=len(counts)):
+                point = tuple(k + d for k, d in zip(at, shift))
+                if all(0 <= k <= n for k, n in zip(point, counts)):
+                    near.add(point)
+            at = min(
+                (tuple(k + m for k, m in zip(at, step)) for step, _ in rows_at(at)),
+                key=lambda after: (ahead[after] + behind[after], behind[after]),
+            )
+        points = sorted(point for point in near if ahead[point] + behind[point] <= limit)
+    found = {point: rows for point in points if (rows := rows_at(point))}
+    return found, whole
 
 
 def band(moves: Moves, counts: Point, most: int) -> tuple[Moves, bool]:
@@ -121,11 +142,11 @@ def band(moves: Moves, counts: Point, most: int) -> tuple[Moves, bool]:
     total = sum(len(rows) for rows in moves.values())
     if total <= most:
         return moves, True
-    path = _quickest(moves, counts)
-    far = {
-        state: min(max(abs(a - b) for a, b in zip(state, point)) for point in path)
-        for state in moves
-    }
+    path, states = np.array(_quickest(moves, counts)), np.array(list(moves))
+    gap = np.abs(path[0] - states).max(axis=1)
+    for point in path[1:]:
+        gap = np.minimum(gap, np.abs(point - states).max(axis=1))
+    far = dict(zip(moves, gap.tolist()))
     chosen: Moves = {}
     for width in range(max(far.values()) + 1):
         inside = {state: moves[state] for state in moves if far[state] <= width}

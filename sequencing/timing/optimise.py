@@ -1,6 +1,6 @@
 """Find starts and overrides: gradient multi-start, particle swarm, and a polish between them.
 
-An evaluation costs microseconds, so a few hundred scattered points come first (many of them on
+An evaluation costs microseconds, so a thousand scattered points come first (many of them on
 faces of the box, where optima like to lie); L-BFGS-B runs from the best of them, collisions
 ignored. If its answer is free of collisions it is returned. Otherwise the swarm (invisible walls: a
 collision is a forbidden point) looks on both sides of the barrier and a pattern search with
@@ -18,7 +18,7 @@ from scipy.optimize import minimize as scipy_minimize
 
 from dmoc.swarm import SwarmParams, minimise
 from sequencing.timing.slack import SlackGraph, decode, decode_batch, pull_back
-from sequencing.timing.timeline import Timeline, cost_and_gradient, cost_batch
+from sequencing.timing.timeline import Timeline, coarser, cost_and_gradient, cost_batch
 
 __all__ = ["DEFAULT_SEARCH", "FreeCheck", "SearchParams", "TimingResult", "optimise_timing"]
 
@@ -31,7 +31,7 @@ class SearchParams:
     """What to spend. `method` auto uses the swarm only where the gradient's answer collides."""
 
     method: str = "auto"  # auto | gradient | swarm
-    scattered: int = 384
+    scattered: int = 1000
     gradient_starts: int = 6
     gradient_iterations: int = 60
     swarm: SwarmParams = SwarmParams(particles=16, iterations=24)
@@ -40,6 +40,7 @@ class SearchParams:
 
 DEFAULT_SEARCH = SearchParams()
 _FEW = 16  # scattering helps in so many dimensions at most
+_COARSE = 4  # scattered points are ranked with steps so many times longer
 _NEAR = 0.35  # starts closer than this in every coordinate are likely to end in one basin
 
 
@@ -105,6 +106,7 @@ class _Search:
 
     def __init__(self, line: Timeline, graph: SlackGraph, free: FreeCheck | None) -> None:
         self.line, self.graph, self.free = line, graph, free
+        self.coarse = coarser(line, _COARSE)
         self.size = graph.duration_s.size
         self.z = np.zeros((2, self.size))
         self.value = np.inf
@@ -127,15 +129,20 @@ class _Search:
     ) -> list[np.ndarray]:
         """The best of random points that lie apart, collisions ignored, as starts of descents.
 
-        In few dimensions only: elsewhere the points are simply random.
+        That is for few dimensions. In many, every trajectory takes the same small share of the
+        slack that is left to it: a large one would leave nothing to those that come later.
         """
         wanted = max(0, params.gradient_starts - 1)
+        if wanted == 0:
+            return []
         if active.size > _FEW:
-            return list(rng.random((wanted, 2, self.size)))
+            points = np.tile(self.z, (wanted, 1, 1))
+            points[:, 0], points[:, 1] = 0.4 * 0.5 ** np.arange(1, wanted + 1)[:, None], 0.02
+            return list(points)
         x = _scattered(params.scattered, active.size, rng)
         points = self.expand(x, active)
         timing = decode_batch(self.graph, points)
-        value = cost_batch(self.line, timing[:, 0], timing[:, 1])
+        value = cost_batch(self.coarse, timing[:, 0], timing[:, 1])
         self.evaluations += len(points)
         return list(points[_apart(x, value, wanted)])
 
@@ -174,7 +181,7 @@ class _Search:
     def swarm(self, active: np.ndarray, seed: int, params: SearchParams) -> None:
         """Scattered allowed points, the swarm from the best of them, its best point kept."""
         rng = np.random.default_rng(seed)
-        points = _scattered(params.scattered, active.size, rng)
+        points = _scattered(max(1, params.scattered // 3), active.size, rng)
         value = self.values(self.expand(points, active))
         best = np.argsort(value)[: params.swarm.particles // 2]
         given = points[best[np.isfinite(value[best])]]

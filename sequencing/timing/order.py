@@ -50,7 +50,7 @@ def align(
     handovers: Sequence[Handover] = (),
     total_s: float | None = None,
     most_windows: int = 1500,
-    most_points: int = 500_000,
+    most_points: int = 2_000_000,
 ) -> Alignment:
     """The cheapest sequence of windows that lasts at most `total_s` (None: any time).
 
@@ -80,9 +80,9 @@ def align(
             Fault("alignment-time", "", "total_s", f"{total_s:.6g} s", f">= {least:.6g} s",
                   "windows need more time than that")
         )  # fmt: skip
-    moves = moves_of(durations_s, need, ahead, behind, limit)
+    moves, whole = moves_of(durations_s, need, ahead, behind, limit)
     chosen, proven = band(moves, counts, most_windows)
-    return _cheapest(counts, chosen, behind, limit, cost, proven)
+    return _cheapest(counts, chosen, behind, limit, cost, proven and whole)
 
 
 def _cheapest(

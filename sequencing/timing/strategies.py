@@ -272,16 +272,20 @@ def _thawed(
     rounds: int,
 ) -> _Thawed:
     """Gradient descent with freezing, see `general_timing`."""
-    params = SearchParams(method="gradient", gradient_starts=1, gradient_iterations=iterations)
+    first = SearchParams(method="gradient", gradient_starts=6, gradient_iterations=iterations)
+    later = replace(first, gradient_starts=1)
     line = prepared.timeline(start.total_s)
     crossings = None if geometry is None else geometry.crossings(start.total_s)
     flat = np.array([t for row in prepared.cell.durations_s for t in row])
     frozen: dict[int, tuple[float, float]] = {}
     best = start
     spent = 0
-    for _ in range(rounds):
+    for k in range(rounds):
         graph = whole_graph(prepared, start.total_s, frozen)
-        begin = [encode(graph, t.start_s, t.override) for t in (start, *others)]
+        # Once somebody is frozen, the last answer is the start that it is worth going on from.
+        tried = (start, *others) if k == 0 else (start, best)
+        begin = [encode(graph, t.start_s, t.override) for t in tried]
+        params = first if k == 0 else later
         found = optimise_timing(line, graph, seed, None, params, np.array(begin))
         spent += found.evaluations
         best = Timing(found.start_s, found.override, start.total_s, spent)

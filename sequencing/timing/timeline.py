@@ -12,8 +12,9 @@ steps b where it changes: the gradient costs little more than the value.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +28,15 @@ from sequencing.timing.timeline_kernels import (
     gradient_kernel,
 )
 
-__all__ = ["Timeline", "cost", "cost_and_gradient", "cost_batch", "drawn_j", "make_timeline"]
+__all__ = [
+    "Timeline",
+    "coarser",
+    "cost",
+    "cost_and_gradient",
+    "cost_batch",
+    "drawn_j",
+    "make_timeline",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +96,28 @@ def make_timeline(
         limits=np.array([[k.min_energy_j, k.max_energy_j, k.grid_factor] for k in links]),
         total_s=float(total_s),
         steps=max(1, round(total_s / step_s)),
+        longest=int(np.diff(node).max()),
+    )
+
+
+def coarser(line: Timeline, times: int) -> Timeline:
+    """The same schedule problem with steps and table cells about so many times longer.
+
+    Step energies stay exact at the table's nodes; the link's limits are looked at less often.
+    """
+    columns, counts = [], []
+    for a, b in itertools.pairwise(line.node):
+        old = np.linspace(0.0, 1.0, b - a)
+        new = np.linspace(0.0, 1.0, max(2, round((b - a - 1) / times)) + 1)
+        columns.append([np.interp(new, old, row) for row in line.coefficients[:, a:b]])
+        counts.append(len(new))
+    node = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    return replace(
+        line,
+        coefficients=np.ascontiguousarray(np.hstack(columns)),
+        node=node,
+        cell_s=line.duration_s / (np.diff(node) - 1),
+        steps=max(1, round(line.steps / times)),
         longest=int(np.diff(node).max()),
     )
 

@@ -200,6 +200,29 @@ def test_unknown_shapes_are_refused() -> None:
         coal_solid(Shape("mesh", vertices_m=np.zeros((3, 3))))
 
 
+def test_a_robot_that_stands_through_a_window_is_in_the_way() -> None:
+    """The window's check against exact solids at many instants of the one that moves."""
+    seen = {True: 0, False: 0}
+    for seed in range(12):
+        cell = crossing_cell(seed)
+        geometry = Geometry(cell)
+        geometry.sharpen([(0, 1)])
+        for moving, still in ((0, 1), (1, 0)):
+            for ended in (False, True):
+                length = cell.robots[moving].trajectories[0].duration_s
+                check = geometry.window([moving], length, [(still, ended)])
+                free = bool(check.free(np.array([[[0.0, 0.0], [1.0, 1.0]]]))[0])
+                assert free == (check.collisions(np.zeros(2), np.ones(2)) == [])
+                path = cell.robots[still].trajectories[0].q_rad[-1 if ended else 0]
+                t = np.linspace(0.0, length, 200)
+                q = [np.repeat(path[None], 200, 0)] * 2
+                q[moving] = cell.robots[moving].trajectories[0].sample(t).q_rad
+                hit = SampledCheck(cell.robots, (), "capsules", "gjk").first_collision(q) >= 0
+                assert not (free and hit)
+                seen[free] += 1
+    assert min(seen.values()) > 3
+
+
 @pytest.mark.slow
 def test_no_false_free_in_ten_thousand_random_timings() -> None:
     """Timings that the maps call free, at 200 instants each, against every pair of exact solids."""

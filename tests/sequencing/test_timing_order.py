@@ -84,6 +84,17 @@ def test_a_band_is_no_proof_and_never_better_than_all() -> None:
     assert part.cost_j >= whole.cost_j - 1e-12
 
 
+def test_a_large_lattice_is_searched_next_to_its_quickest_way() -> None:
+    rng = np.random.default_rng(2)
+    durations = [rng.uniform(1, 2, n) for n in (40, 38, 25)]
+    found = align(durations, random_cost(3), [((0, 5), (1, 6))], 80.0)
+    assert not found.proven
+    assert found.duration_s <= 80.0
+    assert found.valued <= 1500
+    for r, row in enumerate(durations):
+        assert [w[r] for w in found.windows if w[r] is not None] == list(range(len(row)))
+
+
 def pair_cost(seed, n):
     table = np.random.default_rng(seed).uniform(0, 1, (n, n))
     return lambda orders: float(sum(table[a, b] for a, b in zip(*orders)))
@@ -100,7 +111,7 @@ def test_search_finds_the_enumerated_order(seed) -> None:
 
 def test_too_large_cells_are_refused_by_the_exact_methods() -> None:
     with pytest.raises(ProblemError, match="lattice"):
-        align([np.ones(90)] * 3, lambda *_: 1.0)
+        align([np.ones(150)] * 3, lambda *_: 1.0)
     with pytest.raises(ProblemError, match="orders"):
         order_exact((13, 13, 13), lambda o: 1.0)
 
