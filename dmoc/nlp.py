@@ -56,8 +56,6 @@ STATUS = {
 LARGEST_DEFECT = 1e-6
 # fatrop measures its tolerance on its own scale; this keeps the optima equal to 1e-6.
 FATROP_TOLERANCE = 1e-8
-# How often the rows of speed and acceleration are set right by the curve of their solution.
-MOST_CORRECTIONS = 5
 
 _IPOPT = {
     "print_level": 0, "sb": "yes", "nlp_scaling_method": "none",
@@ -145,8 +143,8 @@ def _with_lazy_limits(
             acceleration=families.acceleration or too_hard,
         )
         if wider == families:
-            done = not (too_fast or too_hard) or corrections == MOST_CORRECTIONS or not exact
-            if done or not solution.status.ok:
+            most = params.curve_corrections if exact else 0
+            if not (solution.status.ok and (too_fast or too_hard)) or corrections == most:
                 break
             corrections += 1
             if corrections > 1:  # a better lag alone did not do

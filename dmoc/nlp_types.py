@@ -22,7 +22,8 @@ class IpoptParams:
     """Options of a solve. `tolerance` is Ipopt's `tol` on the scaled problem.
 
     With `limit_curve` speed and acceleration limits hold on the whole executed curve (to 1 %), else
-    only for differences of the knots.
+    only for differences of the knots. What the curve does beyond its rows is known only afterwards:
+    up to `curve_corrections` further solves take it in; with 0 the next warm start does.
     `solver` is `ipopt` or `fatrop`, which finds the same optima but, in CasADi's interface, takes
     no derivatives from us and is several times slower; it starts cold, its `acceptable_` settings
     do not exist, and it carries no limits that look back further than one knot (`dmoc.staged`).
@@ -33,6 +34,7 @@ class IpoptParams:
     acceptable_iterations: int = 15
     max_iterations: int = 300
     limit_curve: bool = True
+    curve_corrections: int = 5
     solver: str = "ipopt"
 
     def __post_init__(self) -> None:

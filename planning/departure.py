@@ -16,6 +16,7 @@ from dmoc.arrays import Array
 from dmoc.guess import straight_guess
 from dmoc.motion import MotionProblem
 from dmoc.nlp import solve_nlp
+from dmoc.nlp_types import IpoptParams
 
 __all__ = [
     "LineFunction",
@@ -30,6 +31,8 @@ LineFunction = Callable[[float], Array]
 """Joint vector (n,) at a fraction of the departure line: 0 at the weld, 1 at the line's end."""
 
 INTERVALS_PER_LINE_KNOT = 20
+# Enough to tell which of two optima is cheaper.
+RANKING = IpoptParams(tolerance=1e-4, limit_curve=False)
 
 
 def num_line_knots(num_intervals: int) -> int:
@@ -92,7 +95,7 @@ def best_departure(
     costs = []
     for knots in (1, 2):
         trial = with_departure(problem, depart, arrive, INTERVALS_PER_LINE_KNOT, knots)
-        solution = solve_nlp(trial, straight_guess(trial))
+        solution = solve_nlp(trial, straight_guess(trial), params=RANKING)
         costs.append(solution.cost if solution.status.ok else np.inf)
     per_twenty = 1 + int(np.argmin(costs))
     return with_departure(problem, depart, arrive, num, per_twenty * num_line_knots(num))

@@ -77,11 +77,18 @@ def refine(
 def _unconstrained(
     problem: MotionProblem, first: Iterate, clearance: Clearance, params: RefineParams
 ) -> Motion:
-    solution = solve_nlp(problem, first.guess(), params=params.tight)
-    certificate = None
-    if solution.status.ok:
-        certificate = clearance.certify(Iterate.of(solution).trajectory(problem))
-    return _motion(problem, solution, certificate, solution.iterations)
+    """Loosely first where that will do: most obstacle-free optima of a station touch something."""
+    solution, certificate, used = None, None, 0
+    for solver in (params.tight,) if params.always_tight else (params.loose, params.tight):
+        guess = first.guess() if solution is None else Iterate.of(solution).guess()
+        solution = solve_nlp(problem, guess, params=solver)
+        used += solution.iterations
+        if solution.status.ok:
+            certificate = clearance.certify(Iterate.of(solution).trajectory(problem))
+        if certificate is None or not certificate.ok:
+            break
+    assert solution is not None
+    return _motion(problem, solution, certificate if solution.status.ok else None, used)
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,11 @@ class RefineParams:
     repair_trust_rad: float = 0.15
     loose: IpoptParams = field(
         default_factory=lambda: IpoptParams(
-            tolerance=1e-5, acceptable_tolerance=1e-3, max_iterations=60
+            tolerance=1e-5,
+            acceptable_tolerance=1e-3,
+            acceptable_iterations=15,
+            max_iterations=60,
+            curve_corrections=0,
         )
     )
     tight: IpoptParams = field(default_factory=lambda: IpoptParams(tolerance=1e-8))
