@@ -103,9 +103,10 @@ def test_grid_power_is_never_negative_and_adds_up(small, found) -> None:
     prepared = prepare_cell(small)
     shown = traces(prepared, found.start_s, found.override, case(found, found.best).timing.total_s)
     assert shown["robot_w"].shape[0] == 3
-    assert shown["relative_speed"].max() <= 1.5
-    stored = shown["robot_w"].sum() - shown["grid_w"].sum()
-    assert stored < 0 or abs(stored) > 0  # both are powers of the same steps
+    longest = [max(t.duration_s for t in robot.trajectories) for robot in small.robots]
+    assert shown["relative_speed"][int(np.argmax(longest))].max() == pytest.approx(1.0)
+    # What the robots draw comes from the grid; the rest of it is lost or left in the capacitor.
+    assert shown["robot_w"].sum() <= shown["grid_w"].sum() * (1 + 1e-9)
 
 
 def test_separate_links_never_need_less_than_a_common_one(small) -> None:
