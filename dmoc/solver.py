@@ -13,6 +13,7 @@ from dmoc.guess import detour_guess, straight_guess
 from dmoc.motion import Motion, MotionProblem
 from dmoc.nlp import ONE_AT_A_TIME, solve_nlp
 from dmoc.nlp_types import DEFAULT_PARAMS, Guess, IpoptParams, NlpSolution
+from dmoc.programme import Families
 from dmoc.status import Status
 from dmoc.trajectory import JointTrajectory
 
@@ -23,8 +24,9 @@ COARSE_INTERVALS = 10
 COARSE_TOLERANCE = 1e-3
 # More iterations than this in all count as a struggle worth another guess.
 SUSPICIOUS_ITERATIONS = 100
-SUSPICIOUS_ITERATIONS_ELECTRICAL = 600
+SUSPICIOUS_ITERATIONS_ELECTRICAL = 300
 OTHER_GUESSES = 3
+ALL_LIMITS = Families(velocity=True, acceleration=True)
 # Friction this soft [rad/s] has few local optima; an electrical cost is first solved with it.
 SOFT_FRICTION_RAD_S = 0.3
 
@@ -96,13 +98,8 @@ def _rank(solution: NlpSolution) -> tuple[bool, float]:
 
 def _through_grids(problem: MotionProblem, params: IpoptParams, start: Guess) -> NlpSolution:
     cost = problem.cost
-    if isinstance(cost, ElectricalCost) and cost.friction_smoothing_rad_s < SOFT_FRICTION_RAD_S:
-        soft = replace(cost, friction_smoothing_rad_s=SOFT_FRICTION_RAD_S)
-        first = _through_grids(problem.replace(cost=soft), params, start)
-        if first.status.ok:
-            start = Guess(first.q_rad, first.torque_nm, first.step_s)
-        solution = solve_nlp(problem, start, params=params)
-        return replace(solution, iterations=first.iterations + solution.iterations)
+    if isinstance(cost, ElectricalCost):
+        return _through_friction(problem, cost, params, start)
     ends = problem.depart_rad is not None or problem.arrive_rad is not None
     if problem.num_intervals < 2 * COARSE_INTERVALS or ends:
         return solve_nlp(problem, start, params=params)
@@ -116,6 +113,25 @@ def _through_grids(problem: MotionProblem, params: IpoptParams, start: Guess) ->
         if not solution.status.ok:
             first = replace(first, iterations=first.iterations + solution.iterations)
             solution = solve_nlp(problem, start, params=params)
+    return replace(solution, iterations=first.iterations + solution.iterations)
+
+
+def _through_friction(
+    problem: MotionProblem, cost: ElectricalCost, params: IpoptParams, start: Guess
+) -> NlpSolution:
+    """With soft friction first, and with the limits from the start.
+
+    Braking gives energy back: without limits, on a coarse grid above all, optima of an electrical
+    cost are wild motions that live on errors of the discretisation. So no grid comes before.
+    """
+    if cost.friction_smoothing_rad_s >= SOFT_FRICTION_RAD_S:
+        return solve_nlp(problem, start, params=params, families=ALL_LIMITS)
+    soft = problem.replace(cost=replace(cost, friction_smoothing_rad_s=SOFT_FRICTION_RAD_S))
+    rough = replace(params, tolerance=max(COARSE_TOLERANCE, params.tolerance), curve_corrections=0)
+    first = solve_nlp(soft, start, params=rough, families=ALL_LIMITS)
+    if first.status.ok:
+        start = Guess(first.q_rad, first.torque_nm, first.step_s, first.multipliers)
+    solution = solve_nlp(problem, start, params=params, families=ALL_LIMITS)
     return replace(solution, iterations=first.iterations + solution.iterations)
 
 
