@@ -39,6 +39,8 @@ from sequencing.store import EdgeStore
 __all__ = ["NoCycle", "PlanEvent", "PlanStop", "plan_station"]
 
 MAX_FINAL_REPAIRS = 20
+# Relative accuracy of a solved cost.
+BOUND_SLACK = 1e-6
 
 
 class NoCycle(RuntimeError):
@@ -56,12 +58,14 @@ class NoCycle(RuntimeError):
 class PlanStop:
     """When planning stops: all limits are counts or proven numbers, never wall time.
 
-    `training_edges` are solved before anything is decided (None: by the number of studs);
+    `training_edges` are solved before anything is decided (None: by the number of studs), and
+    `coverage_edges` more, drawn at random, that only judge the estimate made from them;
     `conditional_gap` ends the lazy loop; `max_evaluations` limits the edges of the loop;
     `baseline_draws` is the number of time-optimal sequences drawn for the comparison.
     """
 
     training_edges: int | None = None
+    coverage_edges: int = 200
     conditional_gap: float = 0.01
     max_evaluations: int | None = None
     baseline_draws: int = 5
@@ -142,11 +146,11 @@ def plan_station(
         progress=lambda event: tell(PlanEvent("edges", event)),
     )  # fmt: skip
     try:
-        learned = oracle.train(settings.training(len(nodes.studs)))
-        # What no held-out edge undercuts, less the 1 % that the quantile leaves out.
-        factor = min(1.0, learned.factor(0.01))
+        learned = oracle.train(settings.training(len(nodes.studs)), settings.coverage_edges)
+        factor, coverage = learned.factor(0.01)
+        factor = min(1.0, factor)
         best, result = _best_cycle(oracle, settings, factor, seed, tell)
-        search = _search(oracle, best, result, factor)
+        search = _search(oracle, best, result, (factor, coverage))
         tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
         old = time_based_sequences(oracle, settings.baseline_draws, seed)
         tables = _tables(oracle, found, best, old)
@@ -260,7 +264,9 @@ def _cycle_motion(nodes: StationNodes, index: int, i: int, j: int, motion: Motio
     return CycleMotion(f"m{index:03d}", ends[0], ends[1], kind, motion)
 
 
-def _search(oracle: StationEdges, best: _Executed, result: LazyResult, factor: float) -> Search:
+def _search(
+    oracle: StationEdges, best: _Executed, result: LazyResult, condition: tuple[float, float]
+) -> Search:
     """What is proven: the minimum over lower bounds that hold for every motion there is.
 
     Solved costs do not enter it: they are local optima, and an edge that failed is not proven to
@@ -273,11 +279,18 @@ def _search(oracle: StationEdges, best: _Executed, result: LazyResult, factor: f
     )  # fmt: skip
     total = best.cost.total
     bound = min(strict.lower_bound, total)
+    pairs = np.array(list(oracle.costs), dtype=np.int64).reshape(-1, 2)
+    solved = np.array(list(oracle.costs.values()))
+    # A solved edge below its bound would refute the bound; then nothing is called proven.
+    holds = bool(np.all(solved >= oracle.bound(pairs) * (1.0 - BOUND_SLACK)))
+    factor, coverage = condition
     failed = sum(1 for value in oracle.costs.values() if not np.isfinite(value))
     return Search(
         edges_total=len(nodes.usable_pairs()), edges_evaluated=len(oracle.costs),
-        edges_failed=failed, lower_bound=bound, bound_is_proven=bool(np.isfinite(bound)),
+        edges_training=oracle.num_training, edges_held_out=len(oracle.held_out),
+        edges_failed=failed, lower_bound=bound, bound_is_proven=holds and bool(np.isfinite(bound)),
         gap_percent=100.0 * (total - bound) / total, conditional_factor=factor,
+        coverage_percent=100.0 * coverage,
         conditional_gap_percent=100.0 * max(0.0, total - result.conditional_bound) / total,
         stopped_by=result.status, rounds=tuple(_round(r) for r in result.rounds),
     )  # fmt: skip

@@ -90,18 +90,28 @@ class Tables:
 class Search:
     """How the sequence was found and what is proven about it.
 
-    `lower_bound` is proven when `bound_is_proven`; `gap_percent` is the strict gap to it. The
-    conditional gap holds only if no unevaluated edge costs less than `conditional_factor` times
-    its estimate; it is never called a bound.
+    `lower_bound` is proven when `bound_is_proven` (docs/bounds.md: of the continuous cost of every
+    motion within the robot's speed and acceleration limits); `gap_percent` is the strict gap to it.
+
+    The conditional gap holds only if no unevaluated edge costs less than `conditional_factor` times
+    its estimate; it is never called a bound. The factor was read off `edges_held_out` edges that
+    were drawn at random and that the estimate was not fitted to: with `coverage_percent` per cent
+    probability another edge drawn at random costs more than factor × estimate.
+
+    Of `edges_evaluated` edges `edges_training` fitted the estimate, `edges_held_out` only judged
+    it, and the rest were asked for by the search.
     """
 
     edges_total: int
     edges_evaluated: int
+    edges_training: int
+    edges_held_out: int
     edges_failed: int
     lower_bound: float
     bound_is_proven: bool
     gap_percent: float
     conditional_factor: float
+    coverage_percent: float
     conditional_gap_percent: float
     stopped_by: str
     rounds: tuple[dict[str, Any], ...]

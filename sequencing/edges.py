@@ -18,6 +18,7 @@ from dmoc.motion import Motion
 from dmoc.refinement.params import Method
 from planning.station import Station
 from planning.world import CollisionWorld
+from sequencing.bounds import power_bound, travel_bound
 from sequencing.cycle_types import CycleMotion
 from sequencing.edge_worker import (
     EdgeJob,
@@ -27,7 +28,7 @@ from sequencing.edge_worker import (
     solve_edge,
     write_context,
 )
-from sequencing.estimates import StraightLine, speed_bound, straight_line
+from sequencing.estimates import StraightLine, straight_line
 from sequencing.learned import LearnedEstimate, edge_features, fit_estimate, training_pairs
 from sequencing.nodes import HOME, StationNodes
 from sequencing.store import EdgeStore, decode_motion
@@ -59,7 +60,8 @@ class EdgeCounts:
     reused: int = 0
     failed: int = 0
     cpu_s: float = 0.0
-    edges: set[tuple[int, int]] = field(default_factory=set)
+    reused_edges: set[tuple[int, int]] = field(default_factory=set)
+    solved_edges: set[tuple[int, int]] = field(default_factory=set)
 
 
 class StationEdges:
@@ -91,6 +93,9 @@ class StationEdges:
         self.counts = EdgeCounts()
         self.costs: dict[tuple[int, int], float] = {}
         self.learned: LearnedEstimate | None = None
+        self.held_out: set[tuple[int, int]] = set()
+        self.num_training = 0
+        self._bounds: Array | None = None
         self._fingerprint = context_fingerprint(station, method)
         self._folder = tempfile.TemporaryDirectory(prefix="dmoc-")
         self._context = write_context(station, Path(self._folder.name))
@@ -103,9 +108,10 @@ class StationEdges:
     # ---- the three answers -------------------------------------------------------------------
 
     def bound(self, pairs: Pairs) -> Array:
-        """Proven lower bounds (K,): speed limits and Cauchy–Schwarz through the line ends."""
-        waypoints = self.nodes.waypoints(pairs)
-        return speed_bound(self.station.robot, self._quadratic(), waypoints)
+        """Proven lower bounds (K,) of docs/bounds.md, through the ends of the departure lines."""
+        if self._bounds is None:
+            self._bounds = self._all_bounds()
+        return self._bounds[self._rows(pairs)]
 
     def estimate(self, pairs: Pairs) -> Array:
         """Estimates (K,): learned where `train` has run, else the straight line's cost."""
@@ -150,19 +156,33 @@ class StationEdges:
             self.costs[pair] = item.motion.cost
         return changed
 
-    def train(self, count: int) -> LearnedEstimate:
-        """Solve a fixed set of edges and fit the estimate to them."""
-        training, held = training_pairs(self._pairs, self._rough.cost, count, self.seed)
-        solved = self.evaluate(np.vstack([training, held]))
-        rows, held_rows = self._rows(training), self._rows(held)
-        held_out = (
-            self._features[held_rows], self._rough.cost[held_rows], solved[len(training) :],
-        )  # fmt: skip
+    def train(self, training: int, held_out: int = 200) -> LearnedEstimate:
+        """Solve a fixed set of edges, fit the estimate to most and judge it by those held out."""
+        fit, held = training_pairs(self._pairs, self._rough.cost, self._draws(), training, held_out)
+        solved = self.evaluate(np.vstack([fit, held]))
+        rows, held_rows = self._rows(fit), self._rows(held)
+        self.num_training = len(fit)
+        self.held_out = {self._canonical(i, j) for i, j in held}
+        judged = self._features[held_rows], self._rough.cost[held_rows], solved[len(fit) :]
         self.learned = fit_estimate(
-            self._features[rows], self._rough.cost[rows], solved[: len(training)], held_out,
-            self.seed,
-        )  # fmt: skip
+            self._features[rows], self._rough.cost[rows], solved[: len(fit)], judged, self.seed
+        )
         return self.learned
+
+    def _draws(self) -> Array:
+        """A random number (P,) for every edge, from the seed and its two ends alone."""
+        ends = [self._end_digest(node) for node in range(self.nodes.num_nodes)]
+        salt = str(self.seed).encode()
+        draws = [
+            int.from_bytes(hashlib.sha256(salt + ends[i] + ends[j]).digest()[:6], "big")
+            for i, j in self._pairs
+        ]
+        return np.array(draws, dtype=float)
+
+    def _end_digest(self, node: int) -> bytes:
+        digest = hashlib.sha256(self.nodes.q_rad[node].tobytes())
+        digest.update(self.nodes.line_end_rad[node].tobytes())
+        return digest.digest()
 
     def close(self) -> None:
         """Remove the workers' context file."""
@@ -181,6 +201,13 @@ class StationEdges:
 
     def _rows(self, pairs: Pairs) -> npt.NDArray[np.int64]:
         return np.array([self._row[self._canonical(i, j)] for i, j in pairs], dtype=np.int64)
+
+    def _all_bounds(self) -> Array:
+        robot, cost = self.station.robot, self._quadratic()
+        waypoints = self.nodes.waypoints(self._pairs)
+        bounds = power_bound(robot, cost, waypoints)
+        holding = travel_bound(robot, cost, self.nodes.q_rad)
+        return bounds if holding is None else np.maximum(bounds, holding(self._pairs, waypoints))
 
     def _straight_lines(self) -> StraightLine:
         q = self.nodes.q_rad
@@ -248,6 +275,7 @@ class StationEdges:
             payload = self.store.get(key)
             if payload is not None:
                 self.counts.reused += 1
+                self.counts.reused_edges.add((low, high))
                 self._finish((low, high), payload, quality)
             else:
                 jobs.append(self._job(low, high, quality))
@@ -258,6 +286,7 @@ class StationEdges:
             self.store.put(result.key, result.payload)
             self.counts.solved += 1
             self.counts.cpu_s += result.cpu_s
+            self.counts.solved_edges.add(owner[result.key])
             self._finish(owner[result.key], result.payload, quality)
             self._tell(left, quality)
 
@@ -280,7 +309,6 @@ class StationEdges:
         usable = motion.status.ok and motion.certified and motion.trajectory is not None
         self.costs[pair] = motion.cost if usable else np.inf
         self.counts.failed += not usable
-        self.counts.edges.add(pair)
 
     def _tell(self, left: int, quality: Quality) -> None:
         if self.progress is not None:

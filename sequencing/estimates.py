@@ -1,7 +1,7 @@
-"""Cheap numbers for the cost of a motion: a proven lower bound and estimates that rank well.
+"""Cheap estimates of the cost of a motion that rank well; none of them is a bound.
 
-Only `speed_bound` is a bound. The straight-line estimate is usually above the optimum, the learned
-one scatters around it; neither may enter a statement that is called proven.
+The straight-line estimate is usually above the optimum, the learned one scatters around it; neither
+may enter a statement that is called proven. Bounds are in `sequencing.bounds`.
 """
 
 from __future__ import annotations
@@ -15,34 +15,12 @@ from dmoc.arrays import Array
 from dmoc.cost import Cost
 from dmoc.robot import Robot
 
-__all__ = ["StraightLine", "quintic_quadrature", "speed_bound", "straight_line", "travel_time"]
+__all__ = ["StraightLine", "quintic_quadrature", "straight_line", "travel_time"]
 
 
 def travel_time(robot: Robot, start: Array, goal: Array) -> Array:
     """Approximate travel time max_j |Δq_j| / v_j (K,) [s] of rows start, goal (K, n)."""
     return np.max(np.abs(goal - start) / robot.velocity_limit_rad_s, axis=-1)
-
-
-def speed_bound(robot: Robot, cost: Cost, waypoints: Array) -> Array:
-    r"""Lower bound (K,) of J for motions through `waypoints` (K, W, n), proven.
-
-    With the length ℓ = Σ‖Δq_i‖ of the polygon through the waypoints, ∫‖q̇‖² dt ≥ ℓ²/T by
-    Cauchy–Schwarz, T ≥ T_min = Σ max_j |Δq_ij| / v_j by the speed limits, and u^T u ≥ 0:
-
-    .. math:: J \ge \min_{T \ge T_{min}} c_t T + c_v \ell^2 / T ,
-
-    attained at T = max(T_min, ℓ √(c_v/c_t)). Jensen's inequality gives the same for the discrete
-    cost, whose velocities are difference quotients.
-    """
-    steps = np.diff(waypoints, axis=1)
-    length = np.linalg.norm(steps, axis=2).sum(axis=1)
-    least = np.max(np.abs(steps) / robot.velocity_limit_rad_s, axis=2).sum(axis=1)
-    if cost.time == 0:
-        return np.zeros(len(length))
-    best = np.maximum(least, length * np.sqrt(cost.velocity / cost.time))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        kinetic = np.where(best > 0, cost.velocity * length**2 / best, 0.0)
-    return cost.time * best + kinetic
 
 
 def quintic_quadrature(points: int = 7) -> tuple[Array, Array, Array, Array]:

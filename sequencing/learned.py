@@ -63,29 +63,39 @@ class LearnedEstimate:
         with threadpool_limits(1):  # sums in one order, whatever the machine's BLAS would do
             return rough_cost * np.exp(self.model.predict(features))
 
-    def factor(self, quantile: float) -> float:
-        """The quantile of true / predicted on the held-out edges."""
-        return float(np.quantile(self.held_out, quantile)) if len(self.held_out) else 0.0
+    def factor(self, quantile: float) -> tuple[float, float]:
+        """(factor, coverage): an order statistic of true / predicted, and what it covers.
+
+        The k-th lowest of m held-out ratios, k = max(1, ⌊quantile (m + 1)⌋), is exceeded by an edge
+        drawn at random with probability 1 − k/(m + 1), whatever the distribution. Without held-out
+        edges: (0, 1), which assumes nothing.
+        """
+        count = len(self.held_out)
+        if count == 0:
+            return 0.0, 1.0
+        place = max(1, int(np.floor(quantile * (count + 1) + 1e-9)))
+        return float(self.held_out[place - 1]), 1.0 - place / (count + 1)
 
 
 def training_pairs(
-    pairs: npt.NDArray[np.int64], rough_cost: Array, count: int, seed: int
+    pairs: npt.NDArray[np.int64], rough_cost: Array, draw: Array, training: int, held_out: int
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Edges to solve before anything is decided: (training, held out), each (K, 2), disjoint.
 
-    Half of the training edges is drawn at random from all, half from the cheapest tenth (tours use
-    those); the held-out edges are drawn at random from all, a third of the training count.
+    `draw` (P,) are random numbers, one an edge, that depend on nothing but the edge and the seed:
+    so a changed stud leaves the choice among the other edges nearly as it was. Half of the
+    training edges are drawn from all, half from the cheapest tenth (tours use those); the held-out
+    edges are drawn from all that are left. Small stations keep a quarter of the edges held out.
     """
-    rng = np.random.default_rng(seed)
-    count = min(count, max(2, len(pairs) * 3 // 4))
+    training = min(training, max(2, len(pairs) * 3 // 4))
     order = np.argsort(rough_cost, kind="stable")
-    near = order[: max(count, len(pairs) // 10)]
-    chosen = list(rng.choice(near, size=min(count // 2, len(near)), replace=False))
-    rest = np.setdiff1d(np.arange(len(pairs)), chosen)
-    chosen += list(rng.choice(rest, size=min(count - len(chosen), len(rest)), replace=False))
-    rest = np.setdiff1d(rest, chosen)
-    held = rng.choice(rest, size=min(max(2, count // 3), len(rest)), replace=False)
-    return pairs[np.sort(np.array(chosen, dtype=np.int64))], pairs[np.sort(held)]
+    near = order[: max(training, len(pairs) // 10)]
+    chosen = near[np.argsort(draw[near], kind="stable")][: training // 2]
+    lots = np.argsort(draw, kind="stable")
+    rest = lots[~np.isin(lots, chosen)]
+    more = rest[: training - len(chosen)]
+    held = rest[len(more) : len(more) + held_out]
+    return pairs[np.sort(np.concatenate([chosen, more]))], pairs[np.sort(held)]
 
 
 def fit_estimate(

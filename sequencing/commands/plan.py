@@ -94,6 +94,7 @@ def headline(cycle: Cycle, wall_s: float, out: Path) -> dict[str, Any]:
     return {
         "studs": len(cycle.welds), "configurations": cycle.configurations,
         "edges": {"total": search.edges_total, "evaluated": search.edges_evaluated,
+                  "training": search.edges_training, "held_out": search.edges_held_out,
                   "failed": search.edges_failed},
         "time_based": tables.time_based.to_dict(),
         "time_based_totals": list(tables.time_based_totals),
@@ -101,7 +102,8 @@ def headline(cycle: Cycle, wall_s: float, out: Path) -> dict[str, Any]:
         "saving_percent": tables.saving_percent, "lower_bound": search.lower_bound,
         "bound_is_proven": search.bound_is_proven, "gap_percent": search.gap_percent,
         "conditional_gap_percent": search.conditional_gap_percent,
-        "conditional_factor": search.conditional_factor, "stopped_by": search.stopped_by,
+        "conditional_factor": search.conditional_factor,
+        "coverage_percent": search.coverage_percent, "stopped_by": search.stopped_by,
         "cycle_time_s": cycle.duration_s, "motions": len(cycle.motions),
         "certified": cycle.certified, "fallbacks": cycle.fallbacks,
         "unreachable": [{"stud": stud, "reason": reason} for stud, reason in cycle.unreachable],

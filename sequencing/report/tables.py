@@ -42,27 +42,38 @@ def number(value: float | None, digits: int = 1) -> str:
 
 
 def headline(result: Result) -> str:
-    """Three sentences: how big, how safe, how well proven."""
+    """How big, how safe, how well proven."""
     search, motions = result["search"], result["motions"]
-    kind = "proven" if search["bound_is_proven"] else "not proven"
     text = (
         f"{len(result['welds'])} studs, {result['configurations']} configurations, "
         f"{len(motions)} motions; cycle time {number(result['duration_s'])} s. "
         f"{result['certified']} of {len(motions)} motions are certified free of collision between "
         f"their knots; {result['fallbacks']} are time-scaled seeds instead of optimal motions. "
-        f"Edges evaluated: {search['edges_evaluated']} of {search['edges_total']}, "
-        f"{search['edges_failed']} without a motion. "
-        f"Lower bound {number(search['lower_bound'])} ({kind}), gap to it "
-        f"{number(search['gap_percent'])} %."
+        f"Edges evaluated: {search['edges_evaluated']} of {search['edges_total']} "
+        f"({search['edges_training']} to fit the estimate, {search['edges_held_out']} held out to "
+        f"judge it), {search['edges_failed']} without a motion.\n\n{gaps(search)}"
+    )
+    for entry in result["unreachable"]:
+        text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
+    return text
+
+
+def gaps(search: Mapping[str, Any]) -> str:
+    """The two gaps, each by its name and with all that it says."""
+    kind = "proven" if search["bound_is_proven"] else "not proven"
+    text = (
+        f"**Strict gap {number(search['gap_percent'])} %** to the lower bound "
+        f"{number(search['lower_bound'])} ({kind}): no order of these poses, with any motions "
+        "within the robot's speed and acceleration limits, costs less."
     )
     if search["conditional_gap_percent"] is not None:
         text += (
-            f" Conditional gap {number(search['conditional_gap_percent'])} %: it holds only if "
+            f" **Conditional gap {number(search['conditional_gap_percent'], 2)} %**: it holds if "
             "no unevaluated edge costs less than "
-            f"{search['conditional_factor']:.2f} times its estimate."
+            f"{search['conditional_factor']:.3f} times its estimate. Coverage "
+            f"{number(search['coverage_percent'])} %: so many of the edges drawn at random cost "
+            f"more, judged by {search['edges_held_out']} edges that the estimate was not fitted to."
         )
-    for entry in result["unreachable"]:
-        text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
     return text
 
 

@@ -192,7 +192,9 @@ def _tour_cost(oracle: StationEdges, order: tuple[int, ...]) -> float:
 
 def test_boxes_end_certified() -> None:
     cycle = plan_station(
-        small_station(2, 2), method="boxes", stop=PlanStop(training_edges=3, coverage_edges=2, baseline_draws=1)
+        small_station(2, 2),
+        method="boxes",
+        stop=PlanStop(training_edges=3, coverage_edges=2, baseline_draws=1),
     )
     assert cycle.method == "boxes"
     assert all(item.motion.certified for item in cycle.motions)
