@@ -8,7 +8,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from sequencing.gtsp.jit import jit
+from planning.jit import kernel as jit
+
+
+@jit
+def next_layer(cost, dist, parent, first, last, begin, end):  # type: ignore[no-untyped-def]
+    """Shortest lengths to nodes begin … end−1 from those of the layer before, first … last−1."""
+    for v in range(begin, end):
+        best = np.inf
+        origin = first
+        for u in range(first, last):
+            length = dist[u] + cost[u, v]
+            if length < best:
+                best = length
+                origin = u
+        dist[v] = best
+        parent[v] = origin
+
+
+@jit
+def close_tour(cost, dist, parent, first, last, size, node):  # type: ignore[no-untyped-def]
+    """Lead the last layer back to node[0]; fills node[1:size] and returns the closed cost."""
+    best = np.inf
+    at = first
+    for u in range(first, last):
+        length = dist[u] + cost[u, node[0]]
+        if length < best:
+            best = length
+            at = u
+    for k in range(size - 1, 0, -1):
+        node[k] = at
+        at = parent[at]
+    return best
 
 
 @jit
@@ -18,33 +49,13 @@ def optimise_anchored(cost, ptr, order, size, node, dist, parent):  # type: igno
     cost (N, N) float64; ptr (M+1,); order (≥size,) clusters; node (≥size,) nodes, overwritten;
     dist (N,) float64 and parent (N,) int64 are work space.
     """
-    anchor = node[0]
-    dist[anchor] = 0.0
-    first, last = anchor, anchor + 1
+    first, last = node[0], node[0] + 1
+    dist[first] = 0.0
     for k in range(1, size):
         begin, end = ptr[order[k]], ptr[order[k] + 1]
-        for v in range(begin, end):
-            best = np.inf
-            origin = first
-            for u in range(first, last):
-                length = dist[u] + cost[u, v]
-                if length < best:
-                    best = length
-                    origin = u
-            dist[v] = best
-            parent[v] = origin
+        next_layer(cost, dist, parent, first, last, begin, end)
         first, last = begin, end
-    best = np.inf
-    at = first
-    for u in range(first, last):
-        length = dist[u] + cost[u, anchor]
-        if length < best:
-            best = length
-            at = u
-    for k in range(size - 1, 0, -1):
-        node[k] = at
-        at = parent[at]
-    return best
+    return close_tour(cost, dist, parent, first, last, size, node)
 
 
 @jit
@@ -53,44 +64,24 @@ def optimise_windows(cost, ptr, order, active, edge, size, node, dist, parent): 
 
     edge[k] is the cost from node[k−1] to node[k] before; edge[0] closes the tour.
     """
-    anchor = node[0]
-    dist[anchor] = 0.0
-    first, last = anchor, anchor + 1
+    first, last = node[0], node[0] + 1
+    dist[first] = 0.0
     free = False
     for k in range(1, size):
-        if not active[k] and not free:
-            v = node[k]
+        v = node[k]
+        if not active[k] and not free:  # both ends are kept: no choice
             dist[v] = dist[first] + edge[k]
             parent[v] = first
             first, last = v, v + 1
             continue
-        if active[k]:
+        free = active[k]
+        if free:
             begin, end = ptr[order[k]], ptr[order[k] + 1]
         else:
-            begin, end = node[k], node[k] + 1
-        free = active[k]
-        for v in range(begin, end):
-            best = np.inf
-            origin = first
-            for u in range(first, last):
-                length = dist[u] + cost[u, v]
-                if length < best:
-                    best = length
-                    origin = u
-            dist[v] = best
-            parent[v] = origin
+            begin, end = v, v + 1
+        next_layer(cost, dist, parent, first, last, begin, end)
         first, last = begin, end
-    best = np.inf
-    at = first
-    for u in range(first, last):
-        length = dist[u] + cost[u, anchor]
-        if length < best:
-            best = length
-            at = u
-    for k in range(size - 1, 0, -1):
-        node[k] = at
-        at = parent[at]
-    return best
+    return close_tour(cost, dist, parent, first, last, size, node)
 
 
 @jit

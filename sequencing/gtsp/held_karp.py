@@ -9,12 +9,13 @@ import numpy as np
 from dmoc.errors import Fault, ProblemError
 from sequencing.gtsp.normal_form import NormalForm, normal_form
 from sequencing.gtsp.problem import GtspProblem
-from sequencing.gtsp.rooted import Rooted, rooted_problems
+from sequencing.gtsp.rooted import Rooted, rooted_problems, smallest_first
 
 __all__ = ["held_karp_memory_bytes"]
 
 LARGEST_SUM = 1 << 28
 MEMORY_BYTES = 2 << 30
+LOW = 6  # clusters whose sets share one gathered matrix: the smallest ones, for they are padded
 
 
 def held_karp_memory_bytes(problem: GtspProblem) -> int:
@@ -56,7 +57,7 @@ def held_karp(
                 fix="method='exact' (bounded dynamic programming), or a higher memory_bytes",
             )
         )
-    for rooted in rooted_problems(form):
+    for rooted in map(smallest_first, rooted_problems(form)):
         nodes, low = _solve_rooted(rooted, upper, form.whole)
         bound = min(bound, low)
         if nodes is not None:
@@ -89,7 +90,7 @@ def _solve_rooted(rooted: Rooted, upper: float, whole: bool) -> tuple[np.ndarray
     sizes = np.diff(rooted.ptr)
     base = np.concatenate([[0], np.cumsum(sizes)[:-1]]) * 2 ** max(m - 1, 0)
     table = np.empty(len(rooted.node) * 2 ** max(m - 1, 0), dtype=np.int32)
-    fill(cost, rooted.ptr, leave, rooted.needs, base.astype(np.int64), min(m, 5), table)
+    fill(cost, rooted.ptr, leave, rooted.needs, base.astype(np.int64), min(m, LOW), table)
     total, nodes = trace(cost, rooted.ptr, back, base.astype(np.int64), table)
     if total >= INF:
         return None, math.inf

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sequencing.gtsp.jit import jit
+from planning.jit import kernel as jit
 
 INF = np.int32(1 << 29)
 
@@ -43,6 +43,7 @@ def fill(cost, ptr, leave, needs, base, low, table):  # type: ignore[no-untyped-
             row = base[g] + squeeze(1 << g, g) * (ptr[g + 1] - ptr[g])
             for v in range(ptr[g], ptr[g + 1]):
                 table[row + v - ptr[g]] = leave[v]
+    turned = cost.T.copy()
     gathered = np.empty((n, n), dtype=np.int32)
     length = np.empty(n, dtype=np.int32)
     for high in range(1 << (m - low)):
@@ -50,12 +51,12 @@ def fill(cost, ptr, leave, needs, base, low, table):  # type: ignore[no-untyped-
         width = ptr[low]
         for v in range(n):
             for u in range(width):
-                gathered[v, u] = cost[u, v]
+                gathered[v, u] = turned[v, u]
         for h in range(low, m):
             if (high >> (h - low)) & 1:
                 for v in range(n):
                     for u in range(ptr[h], ptr[h + 1]):
-                        gathered[v, width + u - ptr[h]] = cost[u, v]
+                        gathered[v, width + u - ptr[h]] = turned[v, u]
                 width += ptr[h + 1] - ptr[h]
         for part in range(1 << low):
             mask = (high << low) | part
@@ -80,12 +81,23 @@ def fill(cost, ptr, leave, needs, base, low, table):  # type: ignore[no-untyped-
                 if (mask >> g) & 1 or (needs[g] & ~mask) != 0:
                     continue
                 row = base[g] + squeeze(mask | (1 << g), g) * (ptr[g + 1] - ptr[g])
-                for v in range(ptr[g], ptr[g + 1]):
+                v = ptr[g]
+                if (ptr[g + 1] - v) & 1:
                     best = inf
                     source = gathered[v]
                     for u in range(width):
                         best = min(best, np.int32(length[u] + source[u]))
+                    table[row] = best
+                    v += 1
+                while v < ptr[g + 1]:  # two at a time share the lengths
+                    best, second = inf, inf
+                    source, other = gathered[v], gathered[v + 1]
+                    for u in range(width):
+                        best = min(best, np.int32(length[u] + source[u]))
+                        second = min(second, np.int32(length[u] + other[u]))
                     table[row + v - ptr[g]] = best
+                    table[row + v + 1 - ptr[g]] = second
+                    v += 2
 
 
 @jit

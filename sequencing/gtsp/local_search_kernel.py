@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from planning.jit import kernel as jit
 from sequencing.gtsp.cluster_optimisation import closed_cost, optimise_clusters
-from sequencing.gtsp.jit import jit
 from sequencing.gtsp.rng import below
 from sequencing.gtsp.ruin_recreate_kernel import insert_cheapest
 

@@ -62,3 +62,25 @@ def _rooted(form: NormalForm, group: int, root: int) -> Rooted:
         node=node.astype(np.int64),
         root=root,
     )
+
+
+def smallest_first(rooted: Rooted) -> Rooted:
+    """The same problem with its clusters by size."""
+    sizes = np.diff(rooted.ptr)
+    order = np.argsort(sizes, kind="stable")
+    node = np.concatenate([np.arange(rooted.ptr[g], rooted.ptr[g + 1]) for g in order])
+    rank = np.argsort(order)
+    needs = np.zeros_like(rooted.needs)
+    for g, mask in enumerate(rooted.needs):
+        for h in range(len(sizes)):
+            if (int(mask) >> h) & 1:
+                needs[rank[g]] |= 1 << int(rank[h])
+    return Rooted(
+        cost=np.ascontiguousarray(rooted.cost[np.ix_(node, node)]),
+        leave=rooted.leave[node],
+        back=rooted.back[node],
+        ptr=np.concatenate([[0], np.cumsum(sizes[order])]).astype(np.int64),
+        needs=needs,
+        node=rooted.node[node],
+        root=rooted.root,
+    )

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from planning.jit import kernel as jit
 from sequencing.gtsp.cluster_optimisation import (
     closed_cost,
     optimise_anchored,
     optimise_clusters,
     optimise_windows,
 )
-from sequencing.gtsp.jit import jit
 from sequencing.gtsp.rng import below, uniform
 
 

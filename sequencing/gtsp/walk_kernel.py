@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sequencing.gtsp.jit import jit
+from planning.jit import kernel as jit
 
 
 @jit
