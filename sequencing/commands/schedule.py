@@ -44,6 +44,12 @@ def remarks(data: dict[str, Any]) -> list[str]:
     ):
         if data[name]:
             lines.append(f"warning: a path meets {what}, whatever the timing: {data[name][0]}")
+    for name, share in data["torque_share"].items():
+        if share["scheduled"] > 1.0:
+            lines.append(
+                f"warning: {name} needs {100 * share['scheduled']:.0f} % of a joint's torque limit "
+                "as scheduled: slow its motions down or carry less"
+            )
     if data["status"] != Status.CONVERGED:
         lines.append(data["advice"])
     return lines

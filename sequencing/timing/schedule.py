@@ -16,7 +16,7 @@ from sequencing.timing.cell_types import Cell
 from sequencing.timing.first_level import FirstLevel, first_level
 from sequencing.timing.jobs import in_given_numbers, in_order, rearranged
 from sequencing.timing.optimise import DEFAULT_SEARCH, SearchParams
-from sequencing.timing.path_power import drive_of
+from sequencing.timing.path_power import drive_of, path_torque_nm
 from sequencing.timing.prepared import Geometry, PreparedCell, prepare_cell
 from sequencing.timing.separate import separated_timing
 from sequencing.timing.strategies import (
@@ -61,6 +61,8 @@ class Schedule:
     of those without collision. `status` is converged, or in_collision if no strategy found one or
     if a path meets the part or fixtures of another robot's station (`fixture_contacts`), which no
     timing mends. `order` is what the first level chose, None where windows cannot be used.
+    `torque_share` (R, 2) is each robot's largest joint torque over its limit, at full speed and as
+    scheduled, with payloads and wrenches.
     """
 
     cell: Cell
@@ -78,6 +80,7 @@ class Schedule:
     order: FirstLevel | None
     fixture_contacts: tuple[Contact, ...]
     obstacle_contacts: tuple[Contact, ...]
+    torque_share: np.ndarray
 
 
 def schedule(
@@ -159,7 +162,20 @@ def schedule(
         result.grid_w, result.step_s, best.energy_j,
         Status.CONVERGED if allowed and not fixtures else Status.IN_COLLISION, best.name,
         tuple(cases), preparation, windows, level, tuple(fixtures), tuple(obstacles),
+        _torque_share(prepared, best.timing.override),
     )  # fmt: skip
+
+
+def _torque_share(prepared: PreparedCell, override: np.ndarray) -> np.ndarray:
+    """(R, 2), see `Schedule`."""
+    cell = prepared.cell
+    out = np.zeros((len(cell.robots), 2))
+    for k, path in enumerate(prepared.paths):
+        r, _ = cell.owner(k)
+        limit = np.asarray(cell.robots[r].robot.torque_limit_nm)
+        for m, rate in enumerate((1.0, float(override[k]))):
+            out[r, m] = max(out[r, m], float((np.abs(path_torque_nm(path, rate)) / limit).max()))
+    return out
 
 
 def _general_in_order(
@@ -240,6 +256,10 @@ def schedule_to_dict(found: Schedule) -> dict[str, Any]:
         "override": {name: found.override[span].tolist() for name, span in spans.items()},
         "length_s": {name: found.duration_s[span].tolist() for name, span in spans.items()},
         "order": _order_to_dict(found),
+        "torque_share": {
+            name: {"full_speed": float(row[0]), "scheduled": float(row[1])}
+            for name, row in zip(names, found.torque_share)
+        },
         "fixture_contacts": [str(contact) for contact in found.fixture_contacts[:20]],
         "obstacle_contacts": [str(contact) for contact in found.obstacle_contacts[:20]],
         "preparation_cpu_s": found.preparation_cpu_s,

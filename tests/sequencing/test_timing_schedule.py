@@ -95,6 +95,8 @@ def test_json_is_plain_and_complete(found) -> None:
     wanted = {"name", "energy_j", "saving_percent", "duration_s", "collisions", "cpu_s"}
     assert all(wanted <= set(item) for item in data["cases"])
     assert set(data["start_s"]) == {"north", "west", "east"}
+    for share in data["torque_share"].values():
+        assert 0 < share["scheduled"] <= share["full_speed"] + 1e-9
     assert all(len(row) == 4 for row in data["override"].values())
 
 
