@@ -72,6 +72,7 @@ class Work(NamedTuple):
     q: Array  # (n,)
     delta: Array  # (n,)
     reach: Array  # (P, n)
+    sweep: Array  # (P,)
     axes: Array  # (M, 3)
     bound: Array  # (M,)
     order: Ints  # (M,)
@@ -82,7 +83,7 @@ def workspace(joints: int, pieces: int, pairs: int) -> Work:
     n = joints - 1
     return Work(
         np.zeros((joints, 15)), np.zeros((4, 15)), np.zeros(8), np.zeros(3), np.zeros(n),
-        np.zeros(n), np.zeros((pieces, n)), np.zeros((pairs, 3)), np.zeros(pairs),
+        np.zeros(n), np.zeros((pieces, n)), np.zeros(pieces), np.zeros((pairs, 3)), np.zeros(pairs),
         np.zeros(pairs, dtype=np.int64),
     )  # fmt: skip
 

@@ -62,7 +62,7 @@ CHUNK = 16
 @inner
 def _near_chunk(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, joints: Any, delta: Any,
-    inflation: float, reach: Any, chosen: Any,
+    inflation: float, reach: Any, sweep: Any, chosen: Any,
 ) -> int:  # fmt: skip
     """Pairs that can touch while |Δq_j| ≤ δ_j from the configuration in `joints` and `pose`."""
     info, size = solids.info, solids.size
@@ -70,9 +70,21 @@ def _near_chunk(
     above = chain.above
     for p in range(moving):
         ball_reach(joints, chain.info, above, info[p, 0], pose, size[p, 12], p, reach[p])
+        sweep[p] = 0.0
+        for j in range(delta.shape[0]):
+            sweep[p] += reach[p, j] * delta[j]
     count = 0
     for m in range(piece.shape[0]):
         a, b = piece[m, 0], piece[m, 1]
+        # First as if the two moved towards each other: balls alone leave few pairs to look at.
+        gap = inflation + extra[m] + sweep[a] + (sweep[b] if b < moving else 0.0)
+        if gap >= 0.0:
+            gap += size[a, 12] + size[b, 12]
+            dx = pose[b, 12] - pose[a, 12]
+            dy = pose[b, 13] - pose[a, 13]
+            dz = pose[b, 14] - pose[a, 14]
+            if dx * dx + dy * dy + dz * dz > gap * gap:
+                continue
         motion = relative_motion(above, info[a, 0], info[b, 0], reach[a], reach[b], delta)
         if not clearly_farther(pose, size, a, b, inflation + extra[m] + motion):
             chosen[count] = m
@@ -159,7 +171,17 @@ def segment_contact(
         joint_poses(chain.info, chain.frame, q, joints)
         place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
         found = _near_chunk(
-            chain, solids, pairs, pose, moving, joints, delta, inflation, reach, chosen
+            chain,
+            solids,
+            pairs,
+            pose,
+            moving,
+            joints,
+            delta,
+            inflation,
+            reach,
+            work.sweep,
+            chosen,
         )
         for i in range(found):
             axes[i, 0] = axes[i, 1] = axes[i, 2] = 0.0
