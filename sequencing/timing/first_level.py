@@ -33,7 +33,7 @@ __all__ = ["FirstLevel", "first_level"]
 _QUICK = SearchParams(method="gradient", scattered=96, gradient_starts=3, gradient_iterations=30)
 _MOST_WINDOWS = 1200  # valued for one order
 _MOST_ORDERS = 5_000  # enumerated; more are searched
-_MOST_JOINT = 200  # orders that are each aligned by themselves
+_MOST_JOINT = 60  # orders that are each aligned by themselves
 _ROUNDS = 25
 
 Groups = tuple[tuple[int, ...], ...]

@@ -92,11 +92,11 @@ def moves_of(
     ahead: np.ndarray,
     behind: np.ndarray,
     limit: float,
-    most_points: int = 20_000,
+    most_moves: int = 150_000,
 ) -> tuple[Moves, bool]:
     """Every point on some way of at most `limit` seconds, with its moves on such ways; True.
 
-    Where there are more than `most_points`, only points next to one quickest way; False.
+    Where that may be more than `most_moves`, only points next to one quickest way; False.
     """
     counts = tuple(len(row) for row in durations_s)
     robots = range(len(counts))
@@ -117,14 +117,19 @@ def moves_of(
         return rows
 
     useful = np.flatnonzero(ahead + behind <= limit)
-    whole = useful.size <= most_points
+    whole = useful.size * len(steps) <= most_moves
     if whole:
         points = [tuple(map(int, np.unravel_index(k, ahead.shape))) for k in useful]
     else:
         near = set()
+        shifts = [
+            shift
+            for shift in product((-1, 0, 1), repeat=len(counts))
+            if len(counts) <= 3 or sum(map(abs, shift)) <= 1
+        ]
         at: Point = (0,) * len(counts)
         while at != counts:
-            for shift in product((-1, 0, 1), repeat=len(counts)):
+            for shift in shifts:
                 point = tuple(k + d for k, d in zip(at, shift))
                 if all(0 <= k <= n for k, n in zip(point, counts)):
                     near.add(point)

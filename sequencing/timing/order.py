@@ -27,6 +27,7 @@ WindowCost = Callable[[tuple[int, ...], tuple[int, ...]], float]
 """Energy [J] of a window; `state` counts what each robot has done, `move` (0 or 1) who runs now."""
 
 _MOST_LABELS = 64
+_MOST_ROBOTS = 6  # a point of the lattice has 2^R - 1 moves
 
 
 @dataclass(frozen=True)
@@ -56,14 +57,15 @@ def align(
 
     A window lasts as long as its longest trajectory. `handovers` are ((robot, k), (robot, k))
     pairs; the second may only run in a later window. Raises `ProblemError` where the lattice has
-    more than `most_points` points, where no alignment keeps the hand-overs, or where none is
-    quick enough.
+    more than `most_points` points or more than six robots, where no alignment keeps the
+    hand-overs, or where none is quick enough.
     """
     counts = tuple(len(row) for row in durations_s)
     points = int(np.prod([n + 1 for n in counts], dtype=float))
-    if points > most_points:
+    if points > most_points or len(counts) > _MOST_ROBOTS:
         raise ProblemError(
-            Fault("lattice-size", "", "durations_s", f"{points} points", f"<= {most_points}",
+            Fault("lattice-size", "", "durations_s", f"{points} points, {len(counts)} robots",
+                  f"<= {most_points} points, <= {_MOST_ROBOTS} robots",
                   "align fewer trajectories at a time")
         )  # fmt: skip
     need = needs_of(counts, handovers)
