@@ -1,7 +1,6 @@
 """One path: found, proven, repeatable, and a reason where there is none."""
 
 import numpy as np
-import pytest
 from scenes import box, clutter, random_q, snake
 
 from dmoc.robot import load_robot
@@ -64,23 +63,28 @@ def test_reasons() -> None:
     assert result.path is None
 
 
-def test_no_path_through_a_wall_within_the_budget(tmp_path) -> None:
-    """A closed ring around the arm's base: the outstretched arm cannot leave it."""
+def test_no_path_under_a_closed_ceiling(tmp_path) -> None:
+    """Bent to one side and to the other: in between the arm would stand upright, in the ceiling.
+
+    Joint 2 has to pass through 0, and there every configuration touches: no path exists.
+    """
     robot = snake(tmp_path, 3, limit=1.5)
-    walls = [
-        box("a", (0.02, 3, 3), (0.05, 1.56, 0)), box("b", (0.02, 3, 3), (0.05, -1.56, 0)),
-    ]  # fmt: skip
-    world = world_for(robot, (), tuple(walls))
+    world = world_for(robot, (), (box("ceiling", (3, 3, 0.02), (0, 0, 0.75)),))
     a, b = np.array([0.0, 1.4, 0.0]), np.array([0.0, -1.4, 0.0])
-    ring = world_for(robot, (), (box("top", (3, 3, 0.02), (0, 0, 0.75)),))
-    if ring.collide(a, 0.01) or ring.collide(b, 0.01):
-        pytest.skip("ends not free")
-    result = plan_path(ring, a, b, seed=0, max_iterations=200, attempts=2)
-    assert result.status in (Status.NO_PATH, Status.CONVERGED)
-    if result.status is Status.NO_PATH:
-        assert "200 iterations" in result.note
+    assert world.collide(a, 0.01) is None
+    assert world.collide(b, 0.01) is None
+    turns = np.array(np.meshgrid(np.linspace(-1.5, 1.5, 31), [0.0], np.linspace(-1.5, 1.5, 31)))
+    assert world.collide_batch(turns.reshape(3, -1).T, -0.02).all()
+    for seed in (0, 1):
+        result = plan_path(world, a, b, seed=seed, max_iterations=200, attempts=2)
+        assert result.status is Status.NO_PATH
+        assert result.path is None
+        assert result.note == "no path within 2 attempts of 200 iterations"
         assert result.iterations >= 400
-    assert world.pairs
+        assert result.checks > 0
+    # The ceiling is what closes it.
+    raised = world_for(robot, (), (box("ceiling", (3, 3, 0.02), (0, 0, 0.95)),))
+    assert plan_path(raised, a, b, seed=0, max_iterations=200).status is Status.CONVERGED
 
 
 def test_seven_joints_and_wide_ranges(tmp_path) -> None:
