@@ -10,19 +10,22 @@ import numpy as np
 from dmoc.errors import Fault, InputError
 from planning.alternatives_search import alternatives
 from planning.plausible import station_warnings
+from planning.second_opinion import second_opinions
 from planning.station import Station, load_station
 from planning.world import CollisionWorld
 
 __all__ = ["check_home", "check_station"]
 
 
-def check_station(path: str | Path) -> dict[str, Any]:
+def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
     """The object of `dmoc check --json`.
 
     `studs`: per stud `id`, `alternatives` (their number), `reason` (empty, or what took the
     candidates away, most frequent first), `weld_cost` [least, most] or null; besides `name`,
     `robot`, `configurations`, `clearance_m`, an empty `errors`, and `warnings`: what is legal but
-    hardly meant, each like an error (code, file, field, value, legal, fix).
+    hardly meant, each like an error (code, file, field, value, legal, fix). With `engines` also
+    `engines`: how far the other collision engines are from the station's
+    (`planning.second_opinion`); more than 1 mm is a warning.
 
     Errors: `InputError` with every fault of the file, or the home pose's collision.
     """
@@ -30,7 +33,8 @@ def check_station(path: str | Path) -> dict[str, Any]:
     world = CollisionWorld(station)
     check_home(station, world)
     rows = []
-    for found in alternatives(station, world):
+    studs = alternatives(station, world)
+    for found in studs:
         counted = sorted(found.reasons.items(), key=lambda item: (-item[1], item[0]))
         costs = [item.weld_cost for item in found.alternatives]
         rows.append({
@@ -39,11 +43,26 @@ def check_station(path: str | Path) -> dict[str, Any]:
             "reason": "" if costs else ", ".join(f"{text} ({n})" for text, n in counted),
             "weld_cost": [min(costs), max(costs)] if costs else None,
         })  # fmt: skip
+    doubts = list(station_warnings(station))
+    opinions = second_opinions(station, studs) if engines else []
+    doubts += [_disagreement(station, opinion) for opinion in opinions
+               if opinion["above_1_mm"] or opinion["touching"]]  # fmt: skip
     return {
         "name": station.name, "robot": station.robot.name, "clearance_m": station.clearance_m,
         "configurations": sum(row["alternatives"] for row in rows), "studs": rows, "errors": [],
-        "warnings": [fault.to_dict() for fault in station_warnings(station)],
+        "warnings": [fault.to_dict() for fault in doubts],
+        **({"engines": opinions} if engines else {}),
     }  # fmt: skip
+
+
+def _disagreement(station: Station, opinion: dict[str, Any]) -> Fault:
+    return Fault(
+        "engines-disagree", file=str(station.source), field="engine",
+        value=f"{opinion['engine']} differs by up to {1e3 * opinion['largest_m']:.2f} mm; "
+        f"{opinion['above_1_mm']} of {opinion['configurations']} configurations above 1 mm, "
+        f"{opinion['touching']} touching for one only",
+        legal="<= 1 mm", fix="look at the pair under engines.worst: a thin or badly formed piece",
+    )  # fmt: skip
 
 
 def check_home(station: Station, world: CollisionWorld) -> None:

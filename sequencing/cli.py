@@ -80,12 +80,15 @@ def check(
     json: Json = False,
     seed: Seed = 0,
     out: Out = None,
+    engines: Annotated[
+        bool, typer.Option("--engines", help="Compare the collision engines; > 1 mm is a warning.")
+    ] = False,
 ) -> None:
     """Read a station and count the alternatives of every stud, or say why there are none."""
     from sequencing.commands.check import run_check
 
     del seed  # nothing in a check is random; the option exists because every command takes it
-    _finish(json, lambda console: run_check(console, station, out))
+    _finish(json, lambda console: run_check(console, station, out, engines))
 
 
 @app.command()

@@ -13,15 +13,21 @@ from sequencing.commands.console import Console, Outcome, save_json
 __all__ = ["run_check", "run_init"]
 
 
-def run_check(console: Console, station: str, out: Path | None) -> Outcome:
+def run_check(console: Console, station: str, out: Path | None, engines: bool = False) -> Outcome:
     """Alternatives per stud, or the reasons why there are none; exit 3 if a stud has none."""
     path = demo_station(station).source if station in available_stations() else station
-    data = check_station(path)
+    data = check_station(path, engines)
     studs = data["studs"]
     console.show(f"{station}: {len(studs)} studs")
     for row in studs:
         reason = f"  {row['reason']}" if row["reason"] else ""
         console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{reason}")
+    for row in data.get("engines", ()):
+        console.show(
+            f"  engine {row['engine']:<5} {row['configurations']} configurations: at most "
+            f"{1e3 * row['largest_m']:.3f} mm off, {row['above_1_mm']} above 1 mm, "
+            f"{row['touching']} touching for one only"
+        )
     for doubt in data["warnings"]:
         console.say(f"warning: {Fault(**doubt)}")
     save_json(out, "check.json", data)

@@ -27,6 +27,7 @@ def run_doctor(console: Console, out: Path | None) -> Outcome:
     from dmoc.motion import MotionProblem
     from dmoc.robot import available_robots, load_robot
     from dmoc.solver import solve
+    from planning.scene import ENGINES
 
     backend = backend_report()
     versions = {name: _version(name) for name in PACKAGES}
@@ -38,6 +39,7 @@ def run_doctor(console: Console, out: Path | None) -> Outcome:
         "python": platform.python_version(), "machine": platform.machine(),
         "cores": os.cpu_count(), "packages": versions,
         "backend": {**asdict(backend), "folder": str(backend.folder)},
+        "collision": {"default": ENGINES[0], "second_opinions": list(ENGINES[1:])},
         "robots": list(available_robots()),
         "solve": {"status": motion.status.value, "cost": motion.cost,
                   "cpu_s": time.process_time() - began},
@@ -49,6 +51,10 @@ def run_doctor(console: Console, out: Path | None) -> Outcome:
     console.show(
         f"  compiled     {backend.libraries} libraries in {backend.folder}"
         + ("" if backend.writable else " (not writable: the virtual machine evaluates)")
+    )
+    console.show(
+        f"  collision    {ENGINES[0]} (distances carry their proof, and take a tenth of the time); "
+        f"second opinions {', '.join(ENGINES[1:])}: dmoc check --engines"
     )
     console.show(f"  robots       {', '.join(available_robots())}")
     console.show(f"  solve        {motion.status.value}, cost {motion.cost:.6g}")

@@ -5,6 +5,7 @@ from test_station import SMALL, STUDS, write
 
 from dmoc.errors import InputError
 from planning.check import check_station
+from planning.engines.coal_engine import CoalEngine
 
 MASSES = "  mass_kg: 2\n  com_m: [0, 0, 0.05]\n"
 PLAIN = SMALL.replace("  tip:", MASSES + "  tip:")
@@ -60,6 +61,32 @@ def test_doubtful_tools(tmp_path, old, new, code):
 )  # fmt: skip
 def test_doubtful_studs(tmp_path, old, new, code):
     assert warnings(tmp_path, studs=STUDS.replace(old, new)) == {code}
+
+
+def test_the_other_engines_agree_or_are_named(tmp_path, monkeypatch):
+    data = check_station(write(tmp_path, PLAIN), engines=True)
+    assert [row["engine"] for row in data["engines"]] == ["coal", "fcl"]
+    for row in data["engines"]:
+        assert row["configurations"] > 60
+        assert row["largest_m"] < 1e-3
+        assert row["above_1_mm"] == row["touching"] == 0
+    assert data["warnings"] == []
+    # An engine that is 2 mm off is reported, with the pair.
+    true = CoalEngine.distance
+
+    def off(self, *arguments):
+        found = true(self, *arguments)
+        return found._replace(distance_m=found.distance_m + 0.002)
+
+    monkeypatch.setattr(CoalEngine, "distance", off)
+    data = check_station(write(tmp_path, PLAIN), engines=True)
+    coal, fcl = data["engines"]
+    assert coal["largest_m"] == pytest.approx(0.002, abs=1e-4)
+    assert coal["above_1_mm"] > 0
+    assert all(coal["worst"]["pair"])
+    assert fcl["above_1_mm"] == 0
+    assert [doubt["code"] for doubt in data["warnings"]] == ["engines-disagree"]
+    assert "coal differs by up to 2.00 mm" in data["warnings"][0]["value"]
 
 
 def test_a_load_that_the_drives_cannot_hold(tmp_path):
