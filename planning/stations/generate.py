@@ -29,19 +29,22 @@ HOME_RAD = (0.0, -0.35, 0.35, 0.0, 0.6, 0.0)
 
 @dataclass(frozen=True)
 class Layout:
-    """What differs between the stations: gun offset, where the part lies, and the words for it."""
+    """What differs between the stations: gun offset, where the part lies, the words for it, and
+    where the studs come from."""
 
     folder: str
     gun_offset_m: float
     part_m: tuple[float, float, float]
     remark: str
+    studs: str = "own layout"
 
 
 LAYOUTS = (
     Layout("stud_welding_a", 0.30, (0.0, 0.0, 0.0), "Short gun, part at z = 0.80 m."),
     Layout("stud_welding_b", 0.90, (0.10, 0.0, -0.25), "Long gun, part shifted."),
     Layout("stud_welding_c", 0.90, (0.10, 0.0, -0.25),
-           "Station B, studs jittered; picked: without obstacles it gave the published saving."),
+           "Station B, studs jittered; picked: without obstacles it gave the published saving.",
+           "station B's, jittered; picked for its saving in a prototype without obstacles"),
 )  # fmt: skip
 
 
@@ -119,6 +122,7 @@ PROVENANCE = """\
 robot: "published: kinematics, limits and speeds; masses, torque limits, armature assumed"
 robot.q_lower_rad: "assumed: dress pack, joints 4 and 6 within 200 degrees"
 robot.mass_scale: "assumed: the heavy variant stands for a 2000 kg class arm"
+robot.torque_scale: "assumed: the heavy variant stands for a 2000 kg class arm"
 tool.shapes: assumed
 tool.mass_kg: assumed
 tool.com_m: assumed
@@ -128,8 +132,11 @@ obstacles.underbody: "assumed: own car-like shape, no real part"
 obstacles.clamps: assumed
 obstacles.fixture: assumed
 obstacles.ground: assumed
-studs.position_m: "assumed: own layout"
+studs.position_m: "assumed: @STUDS@"
+studs.normal: "assumed: those of the own car-like shape"
+studs.group: "assumed: a label, changes nothing"
 studs.weld_time_s: "published: Bjorkenstam et al., section 3 (2 s a weld)"
+departure: "assumed: 3 cm along the normal"
 studs.depart: "assumed: 3 cm along the normal; upwards where the gun jams"
 spin_steps: "assumed: 12"
 clearance_m: assumed
@@ -168,7 +175,8 @@ def write_stations(folder: Path) -> tuple[Path, ...]:
         target.mkdir(parents=True, exist_ok=True)
         write_binary_stl(target / "underbody.stl", vertices, faces)
         write_pieces(target / "underbody_pieces.obj", underbody.prisms())
-        (target / "provenance.yaml").write_text(PROVENANCE, encoding="utf-8", newline="\n")
+        tags = PROVENANCE.replace("@STUDS@", layout.studs)
+        (target / "provenance.yaml").write_text(tags, encoding="utf-8", newline="\n")
         studs = layouts / f"{layout.folder}.csv"
         _write_studs(studs, target / "studs.csv", None)
         suffixes = ["", "_heavy"]

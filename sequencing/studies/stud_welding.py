@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dmoc.yaml_file import read_yaml
 from planning.alternatives_search import alternatives
 from planning.station import Station, demo_station
 from planning.world import CollisionWorld
@@ -39,10 +40,15 @@ STATIONS = {"A": "stud_welding_a", "B": "stud_welding_b", "C": "stud_welding_c"}
 
 @dataclass(frozen=True)
 class Budget:
-    """Counts that bound the work: training edges (None: by studs), old sequences drawn, edges that
-    the search under a changed assumption may solve, names of the changes (None: all)."""
+    """Counts that bound the work.
+
+    Training edges (None: by the number of studs), edges that only judge the estimate, old
+    sequences drawn, edges that the search under a changed assumption may solve, names of the
+    changes (None: all).
+    """
 
     training_edges: int | None = None
+    coverage_edges: int = 200
     draws: int = 15
     edges_per_change: int = 60
     changes: tuple[str, ...] | None = None
@@ -50,7 +56,9 @@ class Budget:
     @staticmethod
     def reduced() -> Budget:
         """What continuous integration runs."""
-        return Budget(training_edges=12, draws=3, edges_per_change=6, changes=FEW_CHANGES)
+        return Budget(
+            training_edges=12, coverage_edges=8, draws=3, edges_per_change=6, changes=FEW_CHANGES
+        )
 
 
 @dataclass(frozen=True)
@@ -88,7 +96,10 @@ def run_stud_welding_study(
     limits = budget or (Budget.reduced() if reduced else Budget())
     tell = progress or (lambda event: None)
     station = study_station(letter, reduced)
-    stop = PlanStop(training_edges=limits.training_edges, baseline_draws=0)
+    stop = PlanStop(
+        training_edges=limits.training_edges, coverage_edges=limits.coverage_edges,
+        baseline_draws=0,
+    )  # fmt: skip
     cycle = plan_station(
         station, seed=seed, stop=stop, executor=executor, store=store, progress=progress
     )
@@ -99,7 +110,7 @@ def run_stud_welding_study(
     edges = model.edges
     assert isinstance(edges, StationEdges)
     try:
-        edges.train(stop.training(len(nodes.studs)))
+        edges.train(stop.training(len(nodes.studs)), stop.coverage_edges)
         bench.tell("sequences of least time")
         drawn = time_based_sequences(edges, limits.draws, seed)
         if not drawn:
@@ -150,6 +161,7 @@ def _study(
         new_order=model.studs_of(new), ablation=ablation, shares=shares, changes=found,
         departures=departures, trade_offs=points,
         edges_evaluated=len(edges.costs) + sum(row.edges for row in found),
+        provenance=provenance_of(model.station),
     )  # fmt: skip
     return StudyRun(study, cycle, old_cycle)
 
@@ -187,6 +199,14 @@ def _both_cycles(
         cycle, tour=tour, welds=executed.welds, motions=executed.motions, tables=tables
     )
     return replace(cycle, tables=tables), old_cycle
+
+
+def provenance_of(station: Station) -> dict[str, str]:
+    """The tags of the provenance.yaml beside a station file; none where there is no such file."""
+    path = station.source.parent / "provenance.yaml"
+    if not path.is_file():
+        return {}
+    return {str(key): str(tag) for key, tag in read_yaml(path).data.items()}
 
 
 def _studs(model: Model) -> tuple[StudRow, ...]:

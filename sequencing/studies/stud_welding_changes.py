@@ -18,6 +18,7 @@ from planning.world import CollisionWorld
 from sequencing.cycle_types import CycleCost
 from sequencing.nodes import StationNodes, station_nodes
 from sequencing.studies.stud_welding_friction import with_friction
+from sequencing.studies.stud_welding_kept import keep_row, kept_row, row_key
 from sequencing.studies.stud_welding_model import (
     Bench,
     Model,
@@ -110,6 +111,10 @@ def price_change(
         return _row(change, nominal, model, table, "motions optimal without friction", (old, new),
                     new, limit)  # fmt: skip
     station = change.apply(nominal.station)
+    key = row_key(change.name, station, table, (old, new), limit, bench.seed)
+    kept = kept_row(bench.store, key)
+    if kept is not None:
+        return kept
     note = ""
     if change.other_poses:
         world = CollisionWorld(station)
@@ -124,10 +129,13 @@ def price_change(
     same = matching(nominal.nodes, nodes)
     model = open_model(change.name, station, nodes, world, bench)
     try:
-        return _row(change, nominal, model, _carried(nominal, model, table, same), note,
+        row = _row(change, nominal, model, _carried(nominal, model, table, same), note,
                     tuple(_mapped(cycle, same) for cycle in (old, new)), new, limit)  # fmt: skip
     finally:
         model.edges.close()
+    if row is not None:
+        keep_row(bench.store, key, row)
+    return row
 
 
 def _row(

@@ -48,10 +48,6 @@ class FrictionEdges:
         known = np.array(sorted(self.inner.costs), dtype=np.int64).reshape(-1, 2)
         self.evaluate(np.vstack([known, known[:, ::-1]]))
 
-    def bound(self, pairs: np.ndarray) -> Array:
-        """The bound without friction: it has no effort in it, so it holds with friction too."""
-        return self.inner.bound(pairs)
-
     def evaluate(self, pairs: np.ndarray) -> Array:
         """Cost of the nominal motions with friction (K,)."""
         wanted = [(int(i), int(j)) for i, j in pairs]

@@ -136,6 +136,7 @@ class StudWeldingStudy:
 
     `old_totals` are the costs of the tied sequences of least travel time that were drawn,
     `near_totals` those of sequences at most `NEAR_PERCENT` slower; screening quality.
+    `provenance` tags the station's numbers as published or assumed.
     """
 
     station: str
@@ -155,6 +156,7 @@ class StudWeldingStudy:
     departures: tuple[DepartureRow, ...]
     trade_offs: tuple[TradeOff, ...]
     edges_evaluated: int
+    provenance: dict[str, str]
 
     @property
     def saving_percent(self) -> float:

@@ -36,7 +36,7 @@ from sequencing.studies.stud_welding_trade_offs import mark_front
 from sequencing.studies.stud_welding_types import TradeOff, Use
 
 BUDGET = Budget(
-    training_edges=8, draws=2, edges_per_change=3,
+    training_edges=8, coverage_edges=4, draws=2, edges_per_change=3,
     changes=("masses × 1.25", "time weight c_t × 10", "friction × 1"),
 )  # fmt: skip
 
