@@ -25,6 +25,7 @@ from sequencing.cycle_types import (
     Cycle,
     CycleCost,
     CycleMotion,
+    Reuse,
     Search,
     StudRow,
     Tables,
@@ -77,12 +78,16 @@ class PlanStop:
 
 @dataclass(frozen=True)
 class PlanEvent:
-    """Progress of a plan: phase, edges, best cycle cost so far and its conditional gap."""
+    """Progress of a plan: phase, edges, best cycle cost so far and its conditional gap.
+
+    The last event, `done`, says what came from the store.
+    """
 
     phase: str
     edges: EdgeEvent | None = None
     best: float | None = None
     gap: float | None = None
+    reuse: Reuse | None = None
 
 
 Progress = Callable[[PlanEvent], None]
@@ -154,6 +159,7 @@ def plan_station(
         tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
         old = time_based_sequences(oracle, settings.baseline_draws, seed)
         tables = _tables(oracle, found, best, old)
+        tell(PlanEvent("done", best=best.tour.cost, reuse=oracle.reuse()))
     finally:
         oracle.close()
     return Cycle(

@@ -12,7 +12,7 @@ from dmoc.motion import Motion
 from planning.station import Station
 from sequencing.gtsp.problem import Tour
 
-__all__ = ["Cycle", "CycleCost", "CycleMotion", "Search", "StudRow", "Tables", "Weld"]
+__all__ = ["Cycle", "CycleCost", "CycleMotion", "Reuse", "Search", "StudRow", "Tables", "Weld"]
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,40 @@ class Search:
     conditional_gap_percent: float
     stopped_by: str
     rounds: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Reuse:
+    """Which travels came from the store and which were solved in this run.
+
+    Each is a pair of ends, `stud/alternative` or `home`. It depends on what earlier runs left
+    behind, so it is no part of a `Cycle` and of result.json: timing.json has it.
+    """
+
+    reused: tuple[tuple[str, str], ...]
+    solved: tuple[tuple[str, str], ...]
+
+    def summary(self) -> str:
+        """`412 travels from the store, 45 solved: S07 (45 of 45), …`: the studs that they touch."""
+        text = f"{len(self.reused)} travels from the store, {len(self.solved)} solved"
+        if not self.reused or not self.solved:
+            return text
+        touched: dict[str, int] = {}
+        for pair in self.solved:
+            for end in pair:
+                stud = end.rsplit("/", 1)[0]
+                touched[stud] = touched.get(stud, 0) + 1
+        order = sorted(touched.items(), key=lambda item: (-item[1], item[0]))
+        listed = ", ".join(f"{stud} ({count})" for stud, count in order[:6])
+        return f"{text}, touching {listed}" + (", …" if len(order) > 6 else "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The entry of timing.json."""
+        return {
+            "edges_reused": len(self.reused), "edges_solved": len(self.solved),
+            "reused": [list(pair) for pair in self.reused],
+            "solved": [list(pair) for pair in self.solved],
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)

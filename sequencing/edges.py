@@ -19,7 +19,7 @@ from dmoc.refinement.params import Method
 from planning.station import Station
 from planning.world import CollisionWorld
 from sequencing.bounds import power_bound, travel_bound
-from sequencing.cycle_types import CycleMotion
+from sequencing.cycle_types import CycleMotion, Reuse
 from sequencing.edge_worker import (
     EdgeJob,
     EdgeResult,
@@ -183,6 +183,22 @@ class StationEdges:
         digest = hashlib.sha256(self.nodes.q_rad[node].tobytes())
         digest.update(self.nodes.line_end_rad[node].tobytes())
         return digest.digest()
+
+    def reuse(self) -> Reuse:
+        """Which travels were read from the store and which were solved, so far."""
+        counts = self.counts
+        return Reuse(
+            tuple(self._names(pair) for pair in sorted(counts.reused_edges - counts.solved_edges)),
+            tuple(self._names(pair) for pair in sorted(counts.solved_edges)),
+        )
+
+    def _names(self, pair: tuple[int, int]) -> tuple[str, str]:
+        nodes = self.nodes
+        low, high = (
+            HOME if node == nodes.home else f"{nodes.stud[node]}/{nodes.alternative[node]}"
+            for node in pair
+        )
+        return low, high
 
     def close(self) -> None:
         """Remove the workers' context file."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,8 +12,8 @@ from dmoc.refinement.params import Method
 from planning.station import Station, available_stations, demo_station, load_station
 from sequencing.commands.console import Console, Outcome
 from sequencing.commands.workers import worker_pool
-from sequencing.cycle import NoCycle, PlanStop, plan_station
-from sequencing.cycle_types import Cycle
+from sequencing.cycle import NoCycle, PlanEvent, PlanStop, plan_station
+from sequencing.cycle_types import Cycle, Reuse
 from sequencing.report.curves import write_curves
 from sequencing.report.html import write_report
 from sequencing.report.progress import plan_progress
@@ -52,6 +53,7 @@ def run_plan(
     station = open_station(station_name)
     folder = out or Path("runs") / run_name(station.name)
     stop = PlanStop(conditional_gap=conditional_gap, max_evaluations=max_evaluations)
+    events: list[PlanEvent] = []
     try:
         with (
             EdgeStore(folder / "edges.sqlite") as store,
@@ -60,21 +62,23 @@ def run_plan(
         ):
             cycle = plan_station(
                 station, seed=seed, method=cast(Method, method), stop=stop,
-                executor=executor, store=store, progress=progress,
+                executor=executor, store=store, progress=_kept(progress, events),
             )  # fmt: skip
     except NoCycle as none:
         for key, reason in none.reasons.items():
             console.say(f"no cycle: {key}: {reason}")
         return Outcome({"status": "no_cycle", "reasons": none.reasons, "out": str(folder)}, 3)
     planned = time.perf_counter() - began
-    write_run(cycle, folder, _timing(planned, planned))
+    reuse = next(event.reuse for event in reversed(events) if event.reuse is not None)
+    write_run(cycle, folder, _timing(planned, planned, reuse))
     run = read_run(folder, station.robot)
     write_curves(run.timeline, station.robot, folder / "curves.png", station.name)
     write_scene(station, run.timeline, folder / "scene.html", station.name)
     write_report(run, station.robot, folder / "report.html")
     wall = time.perf_counter() - began
-    write_run(cycle, folder, _timing(planned, wall))
+    write_run(cycle, folder, _timing(planned, wall, reuse))
     console.show((folder / "tables.md").read_text(encoding="utf-8"))
+    console.show(f"{reuse.summary()} (listed in timing.json)")
     console.show(
         f"written to {folder}: tables.md, report.html, scene.html, curves.png, result.json, "
         "motions.npz"
@@ -111,10 +115,22 @@ def headline(cycle: Cycle, wall_s: float, out: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _timing(plan_s: float, wall_s: float) -> dict[str, float]:
+def _kept(
+    progress: Callable[[PlanEvent], None], events: list[PlanEvent]
+) -> Callable[[PlanEvent], None]:
+    """`progress`, with every event kept in `events` too."""
+
+    def both(event: PlanEvent) -> None:
+        events.append(event)
+        progress(event)
+
+    return both
+
+
+def _timing(plan_s: float, wall_s: float, reuse: Reuse) -> dict[str, Any]:
     own = resource.getrusage(resource.RUSAGE_SELF)
     workers = resource.getrusage(resource.RUSAGE_CHILDREN)
     return {
         "plan_wall_s": plan_s, "wall_s": wall_s, "cpu_s": own.ru_utime + own.ru_stime,
-        "workers_cpu_s": workers.ru_utime + workers.ru_stime,
+        "workers_cpu_s": workers.ru_utime + workers.ru_stime, "edges": reuse.to_dict(),
     }  # fmt: skip

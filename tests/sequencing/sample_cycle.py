@@ -102,7 +102,8 @@ def sample_cycle(home: bool = True, order: tuple[str, ...] = ("S1", "S3", "S2"))
     search = Search(
         edges_total=100, edges_evaluated=40, edges_training=20, edges_held_out=10,
         edges_failed=1, lower_bound=10.0, bound_is_proven=True, gap_percent=80.0,
-        conditional_factor=0.9, coverage_percent=90.9, conditional_gap_percent=2.5, stopped_by="conditional gap", rounds=({"round": 0},),
+        conditional_factor=0.9, coverage_percent=90.9, conditional_gap_percent=2.5,
+        stopped_by="conditional gap", rounds=({"round": 0},),
     )  # fmt: skip
     return Cycle(
         station=station, seed=7, method="halfspaces",
