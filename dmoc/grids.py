@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from dmoc.arrays import Array
 from dmoc.curve_limits import Lag
@@ -11,6 +10,7 @@ from dmoc.motion import MotionProblem
 from dmoc.nlp import Multipliers
 from dmoc.nlp_types import Guess, NlpSolution
 from dmoc.programme import motion_programme
+from dmoc.trajectory import JointTrajectory
 
 __all__ = ["prolonged"]
 
@@ -25,8 +25,12 @@ def prolonged(problem: MotionProblem, coarse: MotionProblem, solution: NlpSoluti
     at, to = np.linspace(0, 1, few + 1), np.linspace(0, 1, many + 1)
     at_middle, to_middle = (at[1:] + at[:-1]) / 2, (to[1:] + to[:-1]) / 2
     duration = solution.step_s * few
-    q = CubicHermiteSpline(at, solution.q_rad, solution.velocity_rad_s * duration)(to)
-    q = np.clip(q, problem.robot.q_lower_rad, problem.robot.q_upper_rad)
+    curve = JointTrajectory(
+        at * duration, solution.q_rad, solution.velocity_rad_s, solution.torque_nm
+    )
+    q = np.clip(
+        curve.sample(to * duration).q_rad, problem.robot.q_lower_rad, problem.robot.q_upper_rad
+    )
     torque = _between(solution.torque_nm, at_middle, to_middle)
     step = duration / many
     if not isinstance(solution.multipliers, Multipliers):

@@ -13,7 +13,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
 from dmoc.stages import Stage
 
@@ -179,12 +178,8 @@ def _triplet(sparsity: ca.Sparsity) -> tuple[Index, Index]:
 
 def _scatter(target: Index, size: int) -> ca.DM:
     """Constant (size, len(target)) matrix that adds entry j of a vector to entry target[j]."""
-    shape = (size, len(target))
-    matrix = sparse.csc_matrix((np.ones(len(target)), (target, np.arange(len(target)))), shape)
-    return ca.DM(
-        ca.Sparsity(size, len(target), matrix.indptr.tolist(), matrix.indices.tolist()),
-        matrix.data,
-    )
+    count = len(target)
+    return ca.DM(ca.Sparsity(size, count, list(range(count + 1)), target.tolist()), np.ones(count))
 
 
 def _sparse_sum(parts: list[tuple[_Entries, Any]], num_rows: int, num_columns: int) -> Any:
