@@ -43,15 +43,21 @@ def data_folder() -> Path:
 
 
 def problems(
-    robot: Robot, tool: tuple[Body, ...], folder: Path, engine: str = "native"
+    robot: Robot,
+    tool: tuple[Body, ...],
+    folder: Path,
+    engine: str = "native",
+    srdf: Path | None = None,
 ) -> Iterator[Problem]:
-    """All problems of one set, in order."""
+    """All problems of one set, in order; with `srdf` it says what may touch, not the scene."""
     for request_file in sorted(folder.glob("request*.yaml")):
         number = request_file.stem.removeprefix("request")
         scene = _load(folder / f"scene{number}.yaml")
         request = _load(request_file)
-        allowed = _allowed(robot, tool, scene["allowed_collision_matrix"])
-        world = world_for(robot, tool, tuple(_obstacles(scene)), allowed, 0.0, engine=engine)
+        allowed = () if srdf else _allowed(robot, tool, scene["allowed_collision_matrix"])
+        world = world_for(
+            robot, tool, tuple(_obstacles(scene)), allowed, 0.0, srdf=srdf, engine=engine
+        )
         state = request["start_state"]["joint_state"]
         start = dict(zip(state["name"], state["position"]))
         goals = request["goal_constraints"][0]["joint_constraints"]

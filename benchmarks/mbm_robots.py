@@ -18,7 +18,7 @@ import pinocchio as pin
 from dmoc.robot import Robot, Tool, load_robot
 from planning.shapes import Body, Shape, pose_matrix
 
-__all__ = ["panda", "ur5", "ur5_gripper"]
+__all__ = ["panda", "srdf_of", "ur5", "ur5_gripper"]
 
 FINGER_OPEN_M = 0.04
 ARMATURE = {"panda": 0.1, "ur5": 0.1}
@@ -30,6 +30,12 @@ def _source() -> Path:
         if found.is_dir():
             return found
     raise FileNotFoundError("example-robot-data is not installed: pip install 'dmoc[bench]'")
+
+
+def srdf_of(robot: Robot) -> Path:
+    """The SRDF that example-robot-data has for one of these robots."""
+    files = {"panda": "panda_description/srdf/panda.srdf", "ur5": "ur_description/srdf/ur5.srdf"}
+    return _source() / files[robot.name]
 
 
 def _rewrite(urdf: Path, out: Path, name: str) -> ET.ElementTree:

@@ -4,13 +4,16 @@
 
 Each problem whose ends are free is planned once (seed 1): the search and its proof alone, and with
 shortcuts. The first `--refine` problems of a set are made into motions (half-spaces, N = 20) and
-certified. The first `--peer` problems are also planned with fcl behind the same planner. Saves
-`results/planning.json` and `.md`.
+certified. The first `--peer` problems are also planned with fcl behind the same planner, and by
+pyroboplan where that is installed. `--allowed srdf` takes the allowed collisions from the SRDF of
+example-robot-data instead of the scenes' own matrices (it permits more). Saves
+`results/planning.json` and `.md`; with `--sets` those of the other sets stay.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import tempfile
 import time
 from collections import Counter
@@ -20,8 +23,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.mbm import SETS, Problem, data_folder, problems
-from benchmarks.mbm_robots import panda, ur5, ur5_gripper
-from benchmarks.planning_common import save, table
+from benchmarks.mbm_robots import panda, srdf_of, ur5, ur5_gripper
+from benchmarks.planning_common import RESULTS, save, table
+from benchmarks.planning_peers import has_pyroboplan, pyroboplan_ms
 from dmoc.motion import MotionProblem
 from dmoc.refinement import RefineParams, refine
 from planning.roadmap import plan_path
@@ -67,8 +71,10 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
     search, whole, motion_s, unsolved, not_certified = [], [], [], [], []
     peer: list[float] = []
     ours: list[float] = []
+    other: list[tuple[bool, float]] = []
     count = valid = solved = refinements = certified = fallbacks = 0
-    for problem in problems(robot, tool, folder):
+    srdf = srdf_of(robot) if options.allowed == "srdf" else None
+    for problem in problems(robot, tool, folder, srdf=srdf):
         if count == options.limit:
             break
         count += 1
@@ -82,6 +88,8 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
         search.append(plan(problem, shortcut_tries=0)[1])
         result, spent = plan(problem)
         whole.append(spent)
+        if len(other) < options.peer and has_pyroboplan():
+            other.append(pyroboplan_ms(problem, 1))
         if result.path is None:
             unsolved.append(problem.name)
             continue
@@ -95,7 +103,7 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
             else:
                 fallbacks += bool(motion.certified)
                 not_certified.append(f"{problem.name}: {motion.status} {motion.note}")
-    for problem in problems(robot, tool, folder, engine="fcl"):
+    for problem in problems(robot, tool, folder, engine="fcl", srdf=srdf):
         if len(peer) == options.peer:
             break
         if not end_fault(problem):
@@ -114,6 +122,11 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
         "fcl behind the same planner / ours": (
             float(np.median(np.array(peer) / np.array(ours))) if peer else float("nan")
         ),
+        "pyroboplan: solved": f"{sum(done for done, _ in other)}/{len(other)}",
+        "pyroboplan / ours": (
+            float(np.median([ms for _, ms in other] / np.array(whole[: len(other)])))
+            if other else float("nan")
+        ),
     }  # fmt: skip
 
 
@@ -121,7 +134,7 @@ SHOWN = (
     "set", "problems", "valid ends", "solved", "search + proof, median [ms]",
     "search + proof, p90 [ms]", "with shortcuts, median [ms]", "with shortcuts, p90 [ms]",
     "refined", "refined and certified", "fallbacks", "refinement, median [s]",
-    "fcl behind the same planner / ours",
+    "fcl behind the same planner / ours", "pyroboplan: solved", "pyroboplan / ours",
 )  # fmt: skip
 
 
@@ -129,6 +142,8 @@ def main() -> None:
     """Run all sets, print, save."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", default="panda,ur5")
+    parser.add_argument("--sets", default="")
+    parser.add_argument("--allowed", choices=("scene", "srdf"), default="scene")
     parser.add_argument("--limit", type=int, default=10_000)
     parser.add_argument("--refine", type=int, default=10_000)
     parser.add_argument("--peer", type=int, default=5)
@@ -144,8 +159,14 @@ def main() -> None:
         for arm in options.robots.split(","):
             robot, tool = arms[arm]()
             for name in SETS[arm]:
+                if options.sets and name not in options.sets.split(","):
+                    continue
                 results.append(run_set(name, robot, tool, data_folder() / arm / name, options))
-    rows = [[figures[key] for key in SHOWN] for figures in results]
+    if options.sets:
+        fresh = {figures["set"]: figures for figures in results}
+        kept = json.loads((RESULTS / "planning.json").read_text(encoding="utf-8"))["results"]
+        results = [fresh.get(figures["set"], figures) for figures in kept]
+    rows = [[figures.get(key, "") for key in SHOWN] for figures in results]
     text = table(list(SHOWN), rows)
     for figures in results:
         for key in ("invalid", "unsolved", "not certified"):
