@@ -27,7 +27,7 @@ def has_pyroboplan() -> bool:
 
 
 def pyroboplan_ms(problem: Problem, seed: int) -> tuple[bool, float]:
-    """Whether it found a path to the goal, and its CPU time [ms]; building its model is not counted."""
+    """Whether it reached the goal, and its CPU time [ms]; building its model is not counted."""
     from pyroboplan.planning.rrt import RRTPlanner, RRTPlannerOptions
 
     scene, model = problem.world.scene, problem.world.robot.model
