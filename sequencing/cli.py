@@ -32,6 +32,9 @@ Json = Annotated[
 Out = Annotated[Path | None, typer.Option(help="Folder of the results.")]
 Workers = Annotated[int, typer.Option(help="Processes; 0 takes the number of cores.", min=0)]
 Method = Annotated[str, typer.Option(help="Collision avoidance: halfspaces or boxes.")]
+Polish = Annotated[
+    bool, typer.Option("--polish", help="Turn the tools continuously once the order is found.")
+]
 
 
 @app.command()
@@ -41,11 +44,12 @@ def demo(
     json: Json = False,
     workers: Workers = 0,
     method: Method = "halfspaces",
+    polish: Polish = False,
 ) -> None:
     """Plan the embedded eight-stud station, from station.yaml to scene.html."""
     from sequencing.commands.plan import run_demo
 
-    _finish(json, lambda console: run_demo(console, seed, out, workers, method))
+    _finish(json, lambda console: run_demo(console, seed, out, workers, method, polish))
 
 
 @app.command()
@@ -62,6 +66,10 @@ def plan(
     target_gap: Annotated[
         float, typer.Option(help="Stop at this conditional gap in percent.", min=0.0)
     ] = 1.0,
+    coverage: Annotated[
+        int, typer.Option(help="Random edges held out to judge the estimate.", min=1)
+    ] = 200,
+    polish: Polish = False,
 ) -> None:
     """Plan a station: order, configurations, certified motions, tables and scene."""
     from sequencing.commands.plan import run_plan
@@ -69,8 +77,17 @@ def plan(
     _finish(
         json,
         lambda console: run_plan(
-            console, station, seed, out, workers, method, max_evaluations, target_gap / 100.0
-        ),
+            console,
+            station,
+            seed,
+            out,
+            workers,
+            method,
+            max_evaluations,
+            target_gap / 100.0,
+            polish,
+            coverage,
+        ),  # fmt: skip
     )
 
 

@@ -35,6 +35,7 @@ from sequencing.edges import EdgeEvent, StationEdges
 from sequencing.gtsp.problem import Tour
 from sequencing.lazy import LazyResult, LazyRound, LazyStop, solve_lazily
 from sequencing.nodes import HOME, StationNodes, station_nodes
+from sequencing.polish import polish_cycle
 from sequencing.store import EdgeStore
 
 __all__ = ["NoCycle", "PlanEvent", "PlanStop", "plan_station"]
@@ -102,6 +103,7 @@ def plan_station(
     executor: Executor | None = None,
     store: EdgeStore | Path | None = None,
     progress: Progress | None = None,
+    polish: bool = False,
 ) -> Cycle:
     """Order, configurations and motions of a station.
 
@@ -109,6 +111,8 @@ def plan_station(
     generalised TSP → final motions at N = 40, certified between the knots → comparison with
     sequences of least travel time. `executor` runs the edges (None: in this process); the result
     is the same, byte for byte, whatever it is. `store` keeps solved edges for the next run.
+    `polish` turns the tool of every weld continuously afterwards, for the whole cycle; it never
+    makes it dearer, and the gaps keep speaking of the cycle before.
 
     Raises `NoCycle` when no stud has an alternative or no cycle joins those that have one.
     """
@@ -120,13 +124,13 @@ def plan_station(
         ):
             return plan_station(
                 station, seed=seed, method=method, stop=stop, executor=executor, store=own,
-                progress=progress,
+                progress=progress, polish=polish,
             )  # fmt: skip
     if isinstance(store, Path):
         with EdgeStore(store) as opened:
             return plan_station(
                 station, seed=seed, method=method, stop=stop, executor=executor, store=opened,
-                progress=progress,
+                progress=progress, polish=polish,
             )  # fmt: skip
     if method not in ("halfspaces", "boxes"):
         raise ProblemError(
@@ -159,14 +163,24 @@ def plan_station(
         tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
         old = time_based_sequences(oracle, settings.baseline_draws, seed)
         tables = _tables(oracle, found, best, old)
+        polished = None
+        welds, motions = best.welds, best.motions
+        if polish:
+            tell(PlanEvent("polish", best=best.cost.total))
+            welds, motions, polished = polish_cycle(
+                oracle, world, welds, motions, lambda cost: tell(PlanEvent("polish", best=cost))
+            )
+            travel = float(sum(item.motion.cost for item in motions))
+            cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
+            tables = replace(tables, energy_based=cost)
         tell(PlanEvent("done", best=best.tour.cost, reuse=oracle.reuse()))
     finally:
         oracle.close()
     return Cycle(
         station=station, seed=seed, method=method,
-        tour=replace(best.tour, lower_bound=search.lower_bound, proven=False), welds=best.welds,
-        motions=best.motions, tables=tables, search=search,
-        configurations=nodes.num_configurations, unreachable=unreachable,
+        tour=replace(best.tour, lower_bound=search.lower_bound, proven=False), welds=welds,
+        motions=motions, tables=tables, search=search,
+        configurations=nodes.num_configurations, unreachable=unreachable, polish=polished,
     )  # fmt: skip
 
 

@@ -12,7 +12,17 @@ from dmoc.motion import Motion
 from planning.station import Station
 from sequencing.gtsp.problem import Tour
 
-__all__ = ["Cycle", "CycleCost", "CycleMotion", "Reuse", "Search", "StudRow", "Tables", "Weld"]
+__all__ = [
+    "Cycle",
+    "CycleCost",
+    "CycleMotion",
+    "Polish",
+    "Reuse",
+    "Search",
+    "StudRow",
+    "Tables",
+    "Weld",
+]
 
 
 @dataclass(frozen=True)
@@ -118,6 +128,33 @@ class Search:
 
 
 @dataclass(frozen=True)
+class Polish:
+    """What turning the tool continuously saved after the sequence was found.
+
+    `moved` are the studs whose tool was turned, and by how much [rad]. The strict gap and the
+    conditional gap speak of the cycle before: `cost_before`.
+    """
+
+    cost_before: float
+    cost_after: float
+    sweeps: int
+    moved: tuple[tuple[str, float], ...]
+
+    @property
+    def saving_percent(self) -> float:
+        """100 (before − after) / before; never negative."""
+        return 100.0 * (1.0 - self.cost_after / self.cost_before)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The entry of result.json."""
+        return {
+            "cost_before": self.cost_before, "cost_after": self.cost_after,
+            "saving_percent": self.saving_percent, "sweeps": self.sweeps,
+            "moved": [{"stud": stud, "spin_rad": turn} for stud, turn in self.moved],
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
 class Reuse:
     """Which travels came from the store and which were solved in this run.
 
@@ -170,6 +207,7 @@ class Cycle:
     search: Search
     configurations: int
     unreachable: tuple[tuple[str, str], ...]
+    polish: Polish | None = None
 
     @property
     def duration_s(self) -> float:

@@ -31,9 +31,9 @@ from sequencing.edge_worker import (
 from sequencing.estimates import StraightLine, straight_line
 from sequencing.learned import LearnedEstimate, edge_features, fit_estimate, training_pairs
 from sequencing.nodes import HOME, StationNodes
-from sequencing.store import EdgeStore, decode_motion
+from sequencing.store import EdgeStore, decode_motion, encode_motion
 
-__all__ = ["EdgeEvent", "StationEdges"]
+__all__ = ["Between", "EdgeEvent", "StationEdges"]
 
 Pairs = npt.NDArray[np.int64]
 
@@ -62,6 +62,20 @@ class EdgeCounts:
     cpu_s: float = 0.0
     reused_edges: set[tuple[int, int]] = field(default_factory=set)
     solved_edges: set[tuple[int, int]] = field(default_factory=set)
+
+
+@dataclass(frozen=True)
+class Between:
+    """A final motion asked for between joint vectors (n,) that are no nodes.
+
+    `origin` and `target` are stud ids, None for home; `like` is the motion it starts from.
+    """
+
+    origin: str | None
+    target: str | None
+    start_rad: Array
+    goal_rad: Array
+    like: Motion
 
 
 class StationEdges:
@@ -141,6 +155,38 @@ class StationEdges:
                 motion = motion.replace(trajectory=motion.trajectory.reversed())
             found.append(motion)
         return found
+
+    def between(self, wanted: Sequence[Between]) -> list[Motion]:
+        """Final motions between poses that are no nodes, solved in one batch and stored."""
+        jobs = [self._free_job(item) for item in wanted]
+        missing = {job.key: job for job in jobs if self.store.get(job.key) is None}
+        self.counts.reused += len(jobs) - len(missing)
+        for result in self._run(list(missing.values())):
+            self.store.put(result.key, result.payload)
+            self.counts.solved += 1
+            self.counts.cpu_s += result.cpu_s
+        found = []
+        for job in jobs:
+            payload = self.store.get(job.key)
+            assert payload is not None
+            found.append(decode_motion(payload, self.station.robot))
+        return found
+
+    def _free_job(self, item: Between) -> EdgeJob:
+        screened = encode_motion(item.like)
+        digest = hashlib.sha256(f"{self._fingerprint}|between|{self.seed}|".encode())
+        for stud, q in ((item.origin, item.start_rad), (item.target, item.goal_rad)):
+            digest.update(np.ascontiguousarray(q, dtype=float).tobytes())
+            line = "home" if stud is None else repr(self._stud_geometry(stud))
+            digest.update(line.encode())
+        digest.update(hashlib.sha256(screened).digest())
+        key = digest.hexdigest()
+        return EdgeJob(
+            context=self._context, key=key, origin=item.origin, target=item.target,
+            start_rad=tuple(item.start_rad), goal_rad=tuple(item.goal_rad), quality="final",
+            method=self.method, screened=screened,
+            seed=int(hashlib.sha256(f"{self.seed}|{key}".encode()).hexdigest()[:8], 16),
+        )  # fmt: skip
 
     def forbid(self, pairs: Iterable[tuple[int, int]]) -> None:
         """Take edges out (their final motion was not certified)."""

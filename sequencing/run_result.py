@@ -66,6 +66,7 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> dict[str, Any]:
         ],
         "motions": [motion_entry(item, station.cost) for item in cycle.motions],
         "tables": tables_entry(cycle.tables),
+        "polish": None if cycle.polish is None else cycle.polish.to_dict(),
         "files": dict(sorted(files.items())),
     }
 

@@ -33,9 +33,16 @@ def open_station(name_or_path: str) -> Station:
     return load_station(name_or_path)
 
 
-def run_demo(console: Console, seed: int, out: Path | None, workers: int, method: str) -> Outcome:
+# The fewest held-out edges that still give 99 % coverage: the lowest of 99.
+DEMO_COVERAGE = 99
+
+
+def run_demo(
+    console: Console, seed: int, out: Path | None, workers: int, method: str, polish: bool = False
+) -> Outcome:
     """The main job on the embedded eight-stud station."""
-    return run_plan(console, DEMO, seed, out or Path("runs/demo"), workers, method, None, 0.01)
+    folder = out or Path("runs/demo")
+    return run_plan(console, DEMO, seed, folder, workers, method, None, 0.01, polish, DEMO_COVERAGE)
 
 
 def run_plan(
@@ -47,12 +54,16 @@ def run_plan(
     method: str,
     max_evaluations: int | None,
     conditional_gap: float,
+    polish: bool = False,
+    coverage: int = 200,
 ) -> Outcome:
     """Plan, write the run folder, print the tables; exit 3 with reasons where there is no cycle."""
     began = time.perf_counter()
     station = open_station(station_name)
     folder = out or Path("runs") / run_name(station.name)
-    stop = PlanStop(conditional_gap=conditional_gap, max_evaluations=max_evaluations)
+    stop = PlanStop(
+        conditional_gap=conditional_gap, max_evaluations=max_evaluations, coverage_edges=coverage
+    )
     events: list[PlanEvent] = []
     try:
         with (
@@ -62,7 +73,7 @@ def run_plan(
         ):
             cycle = plan_station(
                 station, seed=seed, method=cast(Method, method), stop=stop,
-                executor=executor, store=store, progress=_kept(progress, events),
+                executor=executor, store=store, progress=_kept(progress, events), polish=polish,
             )  # fmt: skip
     except NoCycle as none:
         for key, reason in none.reasons.items():
@@ -108,6 +119,7 @@ def headline(cycle: Cycle, wall_s: float, out: Path) -> dict[str, Any]:
         "conditional_gap_percent": search.conditional_gap_percent,
         "conditional_factor": search.conditional_factor,
         "coverage_percent": search.coverage_percent, "stopped_by": search.stopped_by,
+        "polish": None if cycle.polish is None else cycle.polish.to_dict(),
         "cycle_time_s": cycle.duration_s, "motions": len(cycle.motions),
         "certified": cycle.certified, "fallbacks": cycle.fallbacks,
         "unreachable": [{"stud": stud, "reason": reason} for stud, reason in cycle.unreachable],

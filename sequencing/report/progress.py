@@ -23,6 +23,7 @@ _PHASES = {
     "search": "searching the order",
     "final motions": "final motions, certified between the knots",
     "baseline": "comparison with sequences of least time",
+    "polish": "turning the tools continuously",
     "done": "planned",
 }
 

@@ -53,6 +53,13 @@ def headline(result: Result) -> str:
         f"({search['edges_training']} to fit the estimate, {search['edges_held_out']} held out to "
         f"judge it), {search['edges_failed']} without a motion.\n\n{gaps(search)}"
     )
+    polish = result.get("polish")
+    if polish is not None:
+        text += (
+            f"\n\nPolish (tools turned continuously, {len(polish['moved'])} welds): "
+            f"{number(polish['cost_before'])} → {number(polish['cost_after'])}, "
+            f"{number(polish['saving_percent'], 2)} % more. The gaps speak of the cycle before."
+        )
     for entry in result["unreachable"]:
         text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
     return text
