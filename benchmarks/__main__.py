@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 NAMES = (
-    "ocp", "distances", "random_pairs", "clearance", "planning", "gtsp", "timing", "skoda",
+    "ocp", "distances", "random_pairs", "clearance", "planning", "gtsp", "holes", "timing", "skoda",
     "ur3e_energy", "ur3",
 )  # fmt: skip
 

@@ -62,21 +62,21 @@ def _solve_rooted(
 ) -> tuple[np.ndarray | None, float, np.ndarray]:
     """(better nodes or None, proven bound, multipliers) of one rooted problem.
 
-    Without states (`most` 0) it ends at a bound of `enough`.
+    Without states (`most` 0) it ends after the first relaxation, or at a bound of `enough`.
     """
     relaxation = Relaxation(rooted, cut, multipliers)
     relaxation.walk_phase()
     for steps in FIRST_STEPS:  # the first few, with all arcs, are the dearest
         relaxation.ng_phase(steps)
     steps = NG_STEPS
-    while not relaxation.closed and not (most == 0 and relaxation.bound >= enough):
+    while not relaxation.closed and relaxation.bound < enough:
         relaxation.ng_phase(steps)
         steps = LATER_STEPS
-        if relaxation.closed:
+        if relaxation.closed or most == 0:
             break
         rows = relaxation.rows_a_position
         grown = relaxation.enlarge_memory()
-        if most and relaxation.m <= LARGEST_SETS:
+        if relaxation.m <= LARGEST_SETS:
             limit = min(most, max(FIRST_STATES, STATES_A_ROW * rows)) if grown else most
             finished, nodes, _ = search_states(relaxation, limit)
             if finished and nodes is None:

@@ -7,12 +7,14 @@ import numpy as np
 from sequencing.gtsp.relaxation import Relaxation
 
 BYTES_A_STATE = 44  # mask, node, length, parent and its share of the hash table
+LAYERS = 12  # full ones at most: a search ends, however many clusters there are
 
 
 def search_states(relaxation: Relaxation, limit: int) -> tuple[bool, np.ndarray | None, int]:
     """(finished, nodes, states): the best tour cheaper than the cut, None if there is none.
 
-    At most `limit` states are kept in one layer; beyond that the search gives up unfinished.
+    At most `limit` states are kept in one layer and 12 times that in all; beyond that the search
+    gives up unfinished.
     The nodes (m,) are those of the rooted problem; `states` counts all that were kept.
     """
     from sequencing.gtsp.state_kernel import expand
@@ -53,6 +55,8 @@ def search_states(relaxation: Relaxation, limit: int) -> tuple[bool, np.ndarray 
         total += count
         if count == 0:
             return True, None, total
+        if total > LAYERS * limit:
+            return False, None, total
     ends = length + r.back[node]
     at = int(np.argmin(ends)) if len(ends) else -1
     if at < 0 or not ends[at] < r.limit:
