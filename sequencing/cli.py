@@ -87,7 +87,7 @@ def plan(
             target_gap / 100.0,
             polish,
             coverage,
-        ),  # fmt: skip
+        ),
     )
 
 
