@@ -24,9 +24,8 @@ from pathlib import Path
 import numpy as np
 
 from dmoc import Robot
-from planning import load_station
 from planning.alternatives_search import alternatives
-from planning.station import Station
+from planning.station import Station, load_station
 from planning.world import CollisionWorld
 from sequencing.edge_worker import EdgeJob, edge_motion
 from sequencing.gtsp import GtspProblem, Stop, solve
