@@ -273,4 +273,3 @@ class _StagedBuilder(Builder):
     def _pairs(self) -> Index:
         layout = self.layout
         return np.hstack([layout.knots()[:-1], layout.next_knots(), layout.steps()[:-1]])
-
