@@ -49,4 +49,4 @@ def pyroboplan_ms(problem: Problem, seed: int) -> tuple[bool, float]:
     path = planner.plan(problem.start_rad, problem.goal_rad)
     spent = 1e3 * (time.process_time() - begin)
     # Out of time it returns what it has: a path counts if it arrives.
-    return path is not None and np.allclose(path[-1], problem.goal_rad), spent
+    return bool(path) and np.allclose(path[-1], problem.goal_rad), spent
