@@ -68,7 +68,7 @@ def _near(study: StudWeldingStudy) -> str:
     if not study.near_totals:
         return ""
     return (
-        f" {len(study.near_totals)} sequences at most {NEAR_PERCENT:g} % slower cost "
+        f" Sequences at most {NEAR_PERCENT:g} % slower ({len(study.near_totals)} drawn) cost "
         f"{number(min(study.near_totals))} to {number(max(study.near_totals))}."
     )
 
