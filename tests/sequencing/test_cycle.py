@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise, permutations, product
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,8 +16,10 @@ import pinocchio as pin
 import pytest
 from mujoco_arm import mujoco_model
 
+from planning.alternatives_search import alternatives
 from planning.station import Station, demo_station
 from planning.world import CollisionWorld
+from sequencing import gtsp
 from sequencing.cycle import NoCycle, PlanStop, plan_station
 from sequencing.cycle_types import Cycle
 from sequencing.edges import StationEdges
@@ -182,30 +187,58 @@ def test_an_edited_stud_solves_its_own_travels_and_lists_what_was_reused(
     assert moved.id in reuse.summary()
 
 
-def test_lazy_finds_the_optimum_of_the_full_matrix(station, store_path) -> None:
+def test_lazy_finds_the_optimum_of_the_full_matrix(tmp_path) -> None:
     """Every edge solved and every tour enumerated: nothing is cheaper than what lazy finds."""
-    world = CollisionWorld(station)
-    from planning.alternatives_search import alternatives
+    with _few_alternatives(4, 2, tmp_path) as oracle:
+        nodes = oracle.nodes
+        base = nodes.problem(np.zeros((nodes.num_nodes,) * 2), oracle.station)
+        lazy = solve_lazily(base, oracle, LazyStop(0.0), symmetric=True)
+        oracle.evaluate(nodes.usable_pairs())
+        assert lazy.status == "proven"
+        best = min(
+            _tour_cost(oracle, order)
+            for clusters in permutations(range(len(nodes.studs)))
+            for order in product(*(np.flatnonzero(nodes.cluster_of == c) for c in clusters))
+        )
+        assert lazy.tour.cost == pytest.approx(best, rel=1e-9)
+        pairs = nodes.usable_pairs()
+        solved = np.array([oracle.costs[(int(i), int(j))] for i, j in pairs])
+        assert np.all(oracle.bound(pairs) <= solved * (1 + 1e-6))
 
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("studs", "most"), [(4, 5), (8, 4)])
+def test_lazy_is_exact_at_full_size(studs, most, tmp_path) -> None:
+    """The loop of `plan_station`, on the learned estimate, against all edges and the exact DP."""
+    with _few_alternatives(studs, most, tmp_path) as oracle:
+        nodes = oracle.nodes
+        base = nodes.problem(np.zeros((nodes.num_nodes,) * 2), oracle.station)
+        factor, _ = oracle.train(60, 60).factor(0.01)
+        lazy = solve_lazily(
+            base, oracle, LazyStop(0.0, "conditional"), symmetric=True,
+            known=dict(oracle.costs), factor=min(1.0, factor),
+        )  # fmt: skip
+        table = np.full((nodes.num_nodes,) * 2, np.inf)
+        pairs = nodes.usable_pairs()
+        table[pairs[:, 0], pairs[:, 1]] = oracle.evaluate(pairs)
+        table = np.minimum(table, table.T)
+        exact = gtsp.solve(nodes.problem(table, oracle.station), seed=0, method="exact")
+        assert exact.proven
+        assert lazy.tour.cost == pytest.approx(exact.cost, rel=1e-9)
+        assert np.all(oracle.bound(pairs) <= table[pairs[:, 0], pairs[:, 1]] * (1 + 1e-6))
+
+
+@contextmanager
+def _few_alternatives(studs: int, most: int, folder: Path) -> Iterator[StationEdges]:
+    """The oracle of the first studs with up to `most` alternatives each."""
+    station = small_station(studs)
+    world = CollisionWorld(station)
     found = alternatives(station, world)
-    few = tuple(replace(item, alternatives=item.alternatives[:2]) for item in found)
-    nodes = station_nodes(station, few)
-    with EdgeStore(store_path) as store:
-        oracle = StationEdges(station, world, nodes, store)
+    few = tuple(replace(item, alternatives=item.alternatives[:most]) for item in found)
+    with EdgeStore(folder / "edges.sqlite") as store:
+        oracle = StationEdges(station, world, station_nodes(station, few), store)
         try:
-            base = nodes.problem(np.zeros((nodes.num_nodes,) * 2), station)
-            lazy = solve_lazily(base, oracle, LazyStop(0.0), symmetric=True)
-            oracle.evaluate(nodes.usable_pairs())
-            assert lazy.status == "proven"
-            best = min(
-                _tour_cost(oracle, order)
-                for clusters in permutations(range(len(nodes.studs)))
-                for order in product(*(np.flatnonzero(nodes.cluster_of == c) for c in clusters))
-            )
-            assert lazy.tour.cost == pytest.approx(best, rel=1e-9)
-            pairs = nodes.usable_pairs()
-            solved = np.array([oracle.costs[(int(i), int(j))] for i, j in pairs])
-            assert np.all(oracle.bound(pairs) <= solved * (1 + 1e-9))
+            yield oracle
         finally:
             oracle.close()
 
