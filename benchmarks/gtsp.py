@@ -1,6 +1,6 @@
 """The sequencer against its peers: gap and CPU seconds on GTSPLIB and station-like instances.
 
-    python -m benchmarks.gtsp [--seeds 5] [--peers] [--proofs] [--only M60,M120,M220,station]
+    python -m benchmarks.gtsp [--seeds 5] [--peers | --proofs | --methods] [--only M60,station]
 
 GTSPLIB instances are read from DMOC_DATA/gtsplib (default ../shared/data/gtsplib). Peers that are
 not installed are left out. CPU seconds are process time of this machine; compare ratios.
@@ -101,6 +101,40 @@ def peers(instances: list, seconds: float) -> list[dict]:
     return rows
 
 
+def methods(instances: list, seeds: int) -> list[dict]:
+    """The heuristic's parts on the same CPU budget: that of the default for a number of iterations.
+
+    The memetic with local search counts offspring, so its budget is scaled by a first run.
+    """
+    rows = []
+    for group, best, problem in instances:
+        for iterations in (100 * problem.num_clusters, 1000 * problem.num_clusters):
+            target = timed(problem, "heuristic", iterations, 0)[1]
+            for method in ("heuristic", "ruin-recreate", "memetic"):
+                fit = max(2000, iterations)
+                for _ in range(3):
+                    fit = int(fit * target / max(timed(problem, method, fit, 0)[1], 1e-4)) + 1000
+                runs = [timed(problem, method, fit, seed) for seed in range(1, seeds + 1)]
+                rows.append(
+                    {
+                        "group": f"{group}, {iterations // problem.num_clusters} M iterations",
+                        "instance": problem.name,
+                        "method": method,
+                        "gap_percent": statistics.mean(100 * (cost / best - 1) for cost, _ in runs),
+                        "cpu_s": statistics.mean(cpu for _, cpu in runs),
+                    }
+                )
+                print(show(rows[-1]), flush=True)
+    return rows
+
+
+def timed(problem: GtspProblem, method: str, iterations: int, seed: int) -> tuple[float, float]:
+    """(cost, CPU seconds) of one run."""
+    begin = time.process_time()
+    tour = solve(problem, iterations, seed, method=method)
+    return tour.cost, time.process_time() - begin
+
+
 def proofs(instances: list) -> list[dict]:
     """CPU and bound of the exact method where M ≤ 41."""
     rows = []
@@ -167,6 +201,35 @@ def summary(rows: list[dict], key: str) -> list[dict]:
     return out
 
 
+def table(result: dict) -> str:
+    """The summaries and the proofs as a page."""
+    lines = [f"# The sequencer ({result['machine']}, {result['date']})", ""]
+    lines += [f"- {name} {number}" for name, number in result["versions"].items()]
+    lines += [f"- {note}" for note in result.get("notes", [])]
+    for title in ("heuristic", "methods", "peers"):
+        if title in result:
+            lines += ["", f"## {title}", "", "| group | solver | instances | gap % | CPU s |",
+                      "|---|---|---|---|---|"]  # fmt: skip
+            for r in result[title]["summary"]:
+                gap = "none found" if r["gap_percent"] is None else f"{r['gap_percent']:.4f}"
+                lines.append(
+                    f"| {r['group']} | {r['solver']} | {r['instances']} | {gap} "
+                    f"| {r['cpu_s']:.2f} |"
+                )
+    if "proofs" in result:
+        lines += ["", "## proofs", "", "| instance | proven | bound, % of cost | CPU s |",
+                  "|---|---|---|---|"]  # fmt: skip
+        lines += [
+            f"| {r['instance']} | {r['proven']} | {r['bound_percent']:.2f} | {r['cpu_s']:.2f} |"
+            for r in result["proofs"]
+        ]
+    for r in result.get("held_karp", []):
+        lines.append(
+            f"\nHeld–Karp, {r['instance']}: {r['cpu_s']:.2f} s CPU, {r['table_gb']:.2f} GiB."
+        )
+    return "\n".join(lines) + "\n"
+
+
 def installed_version(name: str) -> str:
     """Version of a distribution, or that it is absent."""
     try:
@@ -181,6 +244,7 @@ def main() -> None:
     parser.add_argument("--effort", default="normal")
     parser.add_argument("--peers", action="store_true")
     parser.add_argument("--proofs", action="store_true")
+    parser.add_argument("--methods", action="store_true")
     parser.add_argument("--seconds", type=float, default=3.0, help="for each peer")
     parser.add_argument("--only", default="M60,M120,M220,station")
     parser.add_argument("--out", type=Path, default=RESULTS / "gtsp.json")
@@ -199,6 +263,11 @@ def main() -> None:
     if args.peers:
         rows = peers(instances, args.seconds)
         result["peers"] = {"summary": summary(rows, "peer"), "rows": rows}
+    elif args.methods:
+        rows = methods(instances, args.seeds)
+        result["methods"] = {"summary": summary(rows, "method"), "rows": rows}
+        for line in result["methods"]["summary"]:
+            print(show(line))
     elif args.proofs:
         result["held_karp"] = held_karp()
         result["proofs"] = proofs(instances)
@@ -211,6 +280,7 @@ def main() -> None:
             print(show(line))
     args.out.parent.mkdir(exist_ok=True)
     args.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    args.out.with_suffix(".md").write_text(table(result), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ class Plan:
         """The plan for a problem; `iterations` overrides what the effort says."""
         if iterations is None:
             if clusters <= 60:
-                normal = 60_000 + 1500 * clusters
+                normal = 40_000 + 1000 * clusters
             else:
                 normal = 5500 * clusters if clusters <= 120 else min(12_000 * clusters, 2_500_000)
             factor = {"quick": QUICK, "normal": 1.0, "thorough": THOROUGH}[effort]
