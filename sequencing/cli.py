@@ -67,8 +67,11 @@ def plan(
         float, typer.Option(help="Stop at this conditional gap in percent.", min=0.0)
     ] = 1.0,
     coverage: Annotated[
-        int, typer.Option(help="Random edges held out to judge the estimate.", min=1)
-    ] = 200,
+        int | None,
+        typer.Option(
+            help="Random edges held out to judge the estimate: 200, or 99 below 10 studs.", min=1
+        ),
+    ] = None,
     polish: Polish = False,
 ) -> None:
     """Plan a station: order, configurations, certified motions, tables and scene."""

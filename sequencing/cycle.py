@@ -61,13 +61,14 @@ class PlanStop:
     """When planning stops: all limits are counts or proven numbers, never wall time.
 
     `training_edges` are solved before anything is decided (None: by the number of studs), and
-    `coverage_edges` more, drawn at random, that only judge the estimate made from them;
+    `coverage_edges` more, drawn at random, that only judge the estimate made from them (None: 200,
+    or 99 below ten studs, the fewest with 99 % coverage);
     `conditional_gap` ends the lazy loop; `max_evaluations` limits the edges of the loop;
     `baseline_draws` is the number of time-optimal sequences drawn for the comparison.
     """
 
     training_edges: int | None = None
-    coverage_edges: int = 200
+    coverage_edges: int | None = None
     conditional_gap: float = 0.01
     max_evaluations: int | None = None
     baseline_draws: int = 5
@@ -75,6 +76,12 @@ class PlanStop:
     def training(self, num_studs: int) -> int:
         """Number of training edges for a station of `num_studs` studs."""
         return self.training_edges or 60 + 12 * num_studs
+
+    def coverage(self, num_studs: int) -> int:
+        """Number of held-out edges for a station of `num_studs` studs."""
+        if self.coverage_edges is not None:
+            return self.coverage_edges
+        return 200 if num_studs >= 10 else 99
 
 
 @dataclass(frozen=True)
@@ -155,7 +162,8 @@ def plan_station(
         progress=lambda event: tell(PlanEvent("edges", event)),
     )  # fmt: skip
     try:
-        learned = oracle.train(settings.training(len(nodes.studs)), settings.coverage_edges)
+        count = len(nodes.studs)
+        learned = oracle.train(settings.training(count), settings.coverage(count))
         factor, coverage = learned.factor(0.01)
         factor = min(1.0, factor)
         best, result = _best_cycle(oracle, settings, factor, seed, tell)

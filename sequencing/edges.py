@@ -202,9 +202,10 @@ class StationEdges:
             self.costs[pair] = item.motion.cost
         return changed
 
-    def train(self, training: int, held_out: int = 200) -> LearnedEstimate:
+    def train(self, training: int, held_out: int | None = None) -> LearnedEstimate:
         """Solve a fixed set of edges, fit the estimate to most and judge it by those held out."""
-        fit, held = training_pairs(self._pairs, self._rough.cost, self._draws(), training, held_out)
+        judges = 200 if held_out is None else held_out
+        fit, held = training_pairs(self._pairs, self._rough.cost, self._draws(), training, judges)
         solved = self.evaluate(np.vstack([fit, held]))
         rows, held_rows = self._rows(fit), self._rows(held)
         self.num_training = len(fit)
