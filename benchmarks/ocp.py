@@ -87,8 +87,9 @@ def compare(name: str, count: int, peers: list) -> dict:
     for kind in peers:
         peer = kind(free, cost, 40)
         results, base = [], ours if kind.free_time else fixed
-        peer.solve(problems[0], *(() if kind.free_time else (ours[0][0].duration_s,)))
-        for problem, (motion, _) in zip(problems, ours):
+        if kind.most_pairs is None:  # warm-up
+            peer.solve(problems[0], *(() if kind.free_time else (ours[0][0].duration_s,)))
+        for problem, (motion, _) in list(zip(problems, ours))[: kind.most_pairs]:
             extra = () if kind.free_time else (motion.duration_s,)
             results.append(peer.solve(problem, *extra))
         entry = summary(results, free, cost, problems)
@@ -101,7 +102,7 @@ def compare(name: str, count: int, peers: list) -> dict:
         }
         entry["cost_ratio_to_dmoc"] = float(np.median(list(worth.values())))
         legal = [i for i in ok if is_legal(results[i][0], free)]
-        entry["within_limits"] = len(legal)
+        entry["within_limits"], entry["pairs"] = len(legal), len(results)
         if legal:
             entry["cost_ratio_within_limits"] = float(np.median([worth[i] for i in legal]))
         report[peer.name] = entry
