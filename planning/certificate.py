@@ -106,7 +106,7 @@ def _bisected(
 ) -> tuple[int, int, float, float]:
     """`prove` on the curve; as many failures as `where` and `place` have rows."""
     scene, scope = clearance.world.scene, clearance.scope
-    tree = bisection_workspace(len(scope.pairs.body), max_depth)
+    tree = bisection_workspace(len(scene.pieces), len(scope.pairs.body), max_depth)
     failures, evaluations, smallest, level = prove(
         scene.chain, scene.solids, scope.pairs, scene.pose, scene.moving, bezier,
         clearance.tracking_error_m, scene.tip, scope.lines, scope.exempt, scope.inside,

@@ -35,23 +35,25 @@ ROUNDING_M = 1e-9
 
 class Bisection(NamedTuple):
     """Workspace: the pairs still open at every depth (D, M) and how many (D,), which pairs have
-    failed in the interval (M,), and the stack of parts (D,).
+    failed in the interval (M,), at which evaluation the reach of a piece was computed (P,), and the
+    stack of parts (D,).
     """
 
     open_pairs: npt.NDArray[np.int64]
     left: npt.NDArray[np.int64]
     failed: npt.NDArray[np.bool_]
+    reached: npt.NDArray[np.int64]
     lo: npt.NDArray[np.float64]
     width: npt.NDArray[np.float64]
     depth: npt.NDArray[np.int64]
 
 
-def bisection_workspace(pairs: int, max_depth: int) -> Bisection:
-    """Room for that many piece pairs and halvings."""
+def bisection_workspace(pieces: int, pairs: int, max_depth: int) -> Bisection:
+    """Room for that many pieces, pairs of them and halvings."""
     rows = max_depth + 2
     return Bisection(
         np.empty((rows, pairs), dtype=np.int64), np.empty(rows, dtype=np.int64),
-        np.zeros(pairs, dtype=bool), np.empty(rows), np.empty(rows), np.empty(rows, dtype=np.int64),
+        np.zeros(pairs, dtype=bool), np.zeros(pieces, dtype=np.int64), np.empty(rows), np.empty(rows), np.empty(rows, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -121,7 +123,7 @@ def prove(
     piece, surplus = pairs.piece, pairs.extra
     joints, s, out, axes = work.joints, work.s, work.out, work.axes
     q, delta, reach = work.q, work.delta, work.reach
-    open_pairs, left, failed = tree.open_pairs, tree.left, tree.failed
+    open_pairs, left, failed, reached = tree.open_pairs, tree.left, tree.failed, tree.reached
     node_lo, node_width, node_depth = tree.lo, tree.width, tree.depth
     num_intervals, n = bezier.shape[0], bezier.shape[2]
     count, max_depth = piece.shape[0], left.shape[0] - 2
@@ -129,6 +131,7 @@ def prove(
     for m in range(count):
         axes[m, 0] = axes[m, 1] = axes[m, 2] = 0.0
     for p in range(pose.shape[0]):  # pieces that stand still reach nowhere
+        reached[p] = 0
         for j in range(n):
             reach[p, j] = 0.0
     failures = evaluations = 0
@@ -148,11 +151,6 @@ def prove(
             _middle_and_spread(bezier[i], lo, lo + width, q, delta)
             joint_poses(chain.info, chain.frame, q, joints)
             place_pieces(joints, info, solids.frame, size, moving, pose)
-            for p in range(moving):
-                reach_of_piece(
-                    joints, chain.info, chain.above, info[p, 0], pose, size, p,
-                    reach[p],
-                )  # fmt: skip
             x, y, z = tip_position(joints, tip)
             for k in range(lines.shape[0]):
                 stray = tube_stray(x, y, z, lines[k])
@@ -165,6 +163,13 @@ def prove(
                 if failed[m] or skipped(exempt, covered, m):
                     continue
                 a, b = piece[m, 0], piece[m, 1]
+                for p in (a, b):
+                    # Only here: deep parts have few open pairs, and reaches are most of the work.
+                    if p < moving and reached[p] != evaluations:
+                        reached[p] = evaluations
+                        reach_of_piece(
+                            joints, chain.info, chain.above, info[p, 0], pose, size, p, reach[p]
+                        )
                 motion = relative_motion(
                     chain.above, info[a, 0], info[b, 0], reach[a], reach[b], delta
                 )
