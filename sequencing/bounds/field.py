@@ -25,7 +25,8 @@ from sequencing.bounds.series import ArmSeries
 __all__ = ["CellGrid", "FieldCells", "LieTerms", "cell_grid", "field_cells", "lie_terms"]
 
 STEP_RAD = np.deg2rad(5.0)
-_CHUNK = 16
+MOST_CELLS = 48  # along one axis; wide limits get wider cells
+_CHUNK = 8
 
 
 @dataclass(frozen=True)
@@ -55,11 +56,11 @@ class CellGrid:
 
 
 def cell_grid(robot: Robot, bearing: tuple[int, int]) -> CellGrid:
-    """Cells of at most five degrees."""
+    """Cells of five degrees, wider where the limits are wide."""
     lower, upper = robot.q_lower_rad[list(bearing)], robot.q_upper_rad[list(bearing)]
     around = upper - lower >= 2.0 * np.pi
     upper = np.where(around, lower + 2.0 * np.pi, upper)
-    count = np.maximum(1, np.ceil((upper - lower) / STEP_RAD)).astype(int)
+    count = np.clip(np.ceil((upper - lower) / STEP_RAD), 1, MOST_CELLS).astype(int)
     axes = [np.linspace(lower[k], upper[k], count[k] + 1) for k in (0, 1)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     shape = (int(count[0]), int(count[1]))
