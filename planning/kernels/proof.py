@@ -53,7 +53,8 @@ def bisection_workspace(pieces: int, pairs: int, max_depth: int) -> Bisection:
     rows = max_depth + 2
     return Bisection(
         np.empty((rows, pairs), dtype=np.int64), np.empty(rows, dtype=np.int64),
-        np.zeros(pairs, dtype=bool), np.zeros(pieces, dtype=np.int64), np.empty(rows), np.empty(rows), np.empty(rows, dtype=np.int64),
+        np.zeros(pairs, dtype=bool), np.zeros(pieces, dtype=np.int64), np.empty(rows),
+        np.empty(rows), np.empty(rows, dtype=np.int64),
     )  # fmt: skip
 
 
