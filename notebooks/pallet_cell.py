@@ -31,6 +31,7 @@ from sequencing.timing.prepared import prepare_cell
 from sequencing.timing.schedule import schedule
 from sequencing.timing.study import (
     capacity_sweep,
+    crossing_cell,
     first_trajectories,
     pallet_cell,
     solution_space,
@@ -83,17 +84,20 @@ axes[2, 0].legend([robot.name for robot in cell.robots])
 # %% [markdown]
 # ## A solution space split by a collision (the paper's Fig. 4)
 #
-# Energy over the compression and the delay of one robot; white is a collision.
+# Energy over the compression and the delay of one robot; white is a collision (or too late). Left
+# two arms of a cell of their own: the quick one may pass before the slow one or after it, with a
+# barrier between. Right a window of the pallet cell: the turns leave only one side of it.
 
 # %%
-window, robot = (1, 0) if REDUCED else (34, 0)
-space = solution_space(cell, window, robot, 41 if REDUCED else 81)
-figure, axis = plt.subplots(figsize=(5, 3.5))
-energy = np.ma.masked_invalid(space["energy_j"])
-image = axis.contourf(space["override"], space["delay_s"], energy, 40)
-axis.set(xlabel="override", ylabel="start delay [s]", title=f"window {window}")
-figure.colorbar(image, label="grid energy [J]")
-print(f"blocked: {100 * space['blocked_share']:.1f} %")
+window, points = (1, 41) if REDUCED else (34, 81)
+figure, axes = plt.subplots(1, 2, figsize=(10, 3.5))
+for axis, place, index in zip(axes, (crossing_cell(), cell), (0, window)):
+    space = solution_space(place, index, 0, points)
+    energy = np.ma.masked_invalid(space["energy_j"])
+    image = axis.contourf(space["override"], space["delay_s"], energy, 40)
+    axis.set(xlabel="override", ylabel="start delay [s]", title=f"{place.name}, window {index}")
+    figure.colorbar(image, label="grid energy [J]")
+    print(f"{place.name}: blocked {100 * space['blocked_share']:.1f} %")
 
 # %% [markdown]
 # ## When does matching braking to acceleration pay?

@@ -8,9 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 import planning
-from sequencing.timing.cell import Cell, load_cell
+from dmoc.robot import load_robot
+from dmoc.trapezoid import trapezoid_motion
+from sequencing.timing.cell import Cell, CellRobot, load_cell
+from sequencing.timing.dc_link import LinkParams
 from sequencing.timing.first_level import first_level
 from sequencing.timing.jobs import rearranged
 from sequencing.timing.optimise import DEFAULT_SEARCH
@@ -28,12 +32,39 @@ from sequencing.timing.strategies import (
 from sequencing.timing.timeline import cost_batch
 from sequencing.timing.verify import check_schedule
 
-__all__ = ["capacity_sweep", "pallet_cell", "run_pallet_cell_study", "solution_space", "traces"]
+__all__ = [
+    "capacity_sweep",
+    "crossing_cell",
+    "pallet_cell",
+    "run_pallet_cell_study",
+    "solution_space",
+    "traces",
+]
 
 
 def pallet_cell() -> Cell:
     """The authored cell of three robots around one pallet, 39 trajectories each."""
     return load_cell(Path(planning.__file__).parent / "stations" / "pallet_cell")
+
+
+def crossing_cell() -> Cell:
+    """Two arms face to face, as in the paper's Fig. 4: a quick one swings through a slow one's way.
+
+    It may pass before the slow (critical) arm comes or after it has gone: a collision divides the
+    solution space of its compression and delay.
+    """
+    robots = []
+    for name, x, angle, swing, scale in (
+        ("quick", 0.0, 0.0, 1.3, 1.0), ("slow", 2.2, np.pi, -1.3, 0.15),
+    ):  # fmt: skip
+        place = pin.SE3(pin.utils.rotate("z", angle), np.array([x, 0.0, 0.0]))
+        arm = load_robot("ur10e_class").with_base(place)
+        begin = np.array([np.pi - swing, -0.25, 0.0, 0.0, 0.0, 0.0])
+        end = begin + np.array([2.0 * swing, 0.0, 0.0, 0.0, 0.0, 0.0])
+        motion = trapezoid_motion(arm, begin, end, scale=scale)
+        robots.append(CellRobot(name, arm, (), (motion,), (arm,), ("swing",), (0.0,)))
+    link = LinkParams(capacitance_f=1e-3)
+    return Cell("crossing", tuple(robots), (), (), (link,), (0, 0), 0.0, 0.02)
 
 
 def run_pallet_cell_study(

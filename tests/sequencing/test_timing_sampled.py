@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import label
 
 from sequencing.timing.obb import boxes_overlap
 from sequencing.timing.sampled_check import BROAD, NARROW, SampledCheck
 from sequencing.timing.study import (
+    crossing_cell,
     first_trajectories,
     pallet_cell,
     run_pallet_cell_study,
@@ -58,7 +60,17 @@ def test_box_overlap_is_never_missed(seed) -> None:
 
 
 def test_a_collision_splits_the_solution_space() -> None:
-    """The picture of the paper's Fig. 4, on the window that the notebook draws."""
+    """The picture of the paper's Fig. 4: allowed before the barrier and beyond it."""
+    space = solution_space(crossing_cell(), 0, 0, 41)
+    islands, count = label(~np.isnan(space["energy_j"]))
+    sizes = np.bincount(islands.ravel())[1:]
+    assert count >= 2
+    assert np.sort(sizes)[-2] >= 20
+    early, late = (space["delay_s"][islands == k + 1].mean() for k in np.argsort(-sizes)[:2])
+    assert early != late
+
+
+def test_a_collision_takes_part_of_a_windows_solution_space() -> None:
     space = solution_space(CELL, 34, 0, 31)
     blocked = np.isnan(space["energy_j"])
     assert 0.1 < space["blocked_share"] < 0.9
