@@ -18,6 +18,7 @@ FIRST_MEMORY = 3
 LARGEST_MEMORY = 11
 LARGEST_TABLE = 24_000_000  # states × positions of the ng table (8 bytes each)
 LARGEST_WORK = 300_000_000  # arcs run through in one evaluation: some half a second
+PHASE_WORK = 5_000_000_000  # in one phase: some ten seconds
 
 
 class Relaxation:
@@ -73,6 +74,7 @@ class Relaxation:
         if self.closed:
             return
         self.phases += 1
+        steps = max(4, min(steps, PHASE_WORK // max(self._work(), 1)))
         self._memory_tables()
         path = np.zeros(self.m, dtype=np.int64)
         top = [-math.inf]
