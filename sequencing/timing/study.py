@@ -81,8 +81,8 @@ def run_pallet_cell_study(
     `cases` as in `run_schedule`; `paper` the published numbers beside them; `traces` grid and robot
     powers of one window as in Fig. 5; `capacity` the sweep that tells when matching braking to
     acceleration pays; `free_order` what the first level would save on the first ten trajectories of
-    each robot if their turns stayed and the order of their boxes were free. `trajectories` keeps only that many of each robot (reduced
-    mode).
+    each robot if their turns stayed and the order of their boxes were free. `trajectories` keeps
+    only that many of each robot (reduced mode).
     """
     cell = (
         pallet_cell() if trajectories is None else first_trajectories(pallet_cell(), trajectories)
