@@ -116,7 +116,7 @@ def _move(
         if not slope:
             state.step_rad[k] = 0.0
             continue
-        turn = -np.sign(slope) * state.step_rad[k]
+        turn = -float(np.sign(slope)) * state.step_rad[k]
         q = spun(station, weld.q_rad, turn)
         if q is None or not admissible(station, world, stud, q):
             state.step_rad[k] *= 0.4
