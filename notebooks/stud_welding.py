@@ -47,7 +47,7 @@ from sequencing.studies.stud_welding_stages import refine_in_stages, tightest_mo
 
 reduced = os.environ.get("DMOC_REDUCED") == "1"
 out = Path("runs/stud_welding_reduced" if reduced else "runs/stud_welding")
-with EdgeStore(out / "edges.sqlite") as store, worker_pool(1 if reduced else 0) as executor:
+with EdgeStore(out / "edges.sqlite") as store, worker_pool(0) as executor:
     run = run_stud_welding_study("A", store, reduced=reduced, executor=executor)
 study = run.study
 Markdown(tables.summary(study))

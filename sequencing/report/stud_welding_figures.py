@@ -125,8 +125,13 @@ def draw_trade_offs(energy: Axes, effort: Axes, study: StudWeldingStudy) -> None
     """Cycle time against electrical energy and against effort."""
     style = {"new": ("o", BLUE), "re-optimised": ("^", GREEN), "old": ("s", RED)}
     for kind, (marker, colour) in style.items():
+        # Full speed is no weight: it stands apart from the line of weights.
+        mine = [p for p in study.trade_offs if p.sequence == kind]
+        for p in (p for p in mine if p.time_weight is None):
+            energy.plot(p.use.duration_s, p.use.total_j / 1e3, marker, color=colour)
+            effort.plot(p.use.duration_s, p.use.effort / 1e6, marker, color=colour)
         points = sorted(
-            (p for p in study.trade_offs if p.sequence == kind), key=lambda p: p.use.duration_s
+            (p for p in mine if p.time_weight is not None), key=lambda p: p.use.duration_s
         )
         time = [p.use.duration_s for p in points]
         label = f"{kind} sequence"
