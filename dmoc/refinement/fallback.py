@@ -51,7 +51,13 @@ def _certified(
         status=Status.ACCEPTABLE,
         source="fallback",
         trajectory=timed.trajectory,
-        cost=trajectory_cost(timed.trajectory, problem.robot, problem.cost),
+        cost=trajectory_cost(
+            timed.trajectory,
+            problem.robot,
+            problem.cost,
+            wrench=problem.wrench,
+            end_cost=problem.limits.end_cost,
+        ),  # fmt: skip
         min_clearance_m=certificate.min_clearance_m,
         proven_clearance_m=certificate.proven_clearance_m,
         certified=True,

@@ -152,7 +152,7 @@ def table_shares(result: Result) -> str:
         state += ", certified" if item["certified"] else ""
         rows.append(
             [f"{item['key']} {item['from']} → {item['to']}", state,
-             number(_millimetres(item["min_clearance_m"])), number(item["duration_s"], 2),
+             _clearances(item), number(item["duration_s"], 2),
              number(item["cost"], 2), *(number(shares.get(name), 2) for name in names)]
         )  # fmt: skip
     total = sum(sums.values())
@@ -164,12 +164,21 @@ def table_shares(result: Result) -> str:
         rows.append(
             ["**share %**", "", "", "", "100.0", *(number(100 * sums[n] / total) for n in names)]
         )
-    header = ["motion", "status", "clearance mm", "time s", "J", "J time", "J effort", "J velocity"]
+    header = [
+        "motion", "status", "clearance mm, proven / seen", "time s", "J", "J time", "J effort",
+        "J velocity",
+    ]  # fmt: skip
     cost = result["cost"]
     weights = ", ".join(
         f"{key} {value:g}" for key, value in cost.items() if isinstance(value, float)
     )
     return markdown_table(header, rows) + f"\n\nWeights ({cost['kind']}): {weights}."
+
+
+def _clearances(item: Result) -> str:
+    """What nothing undercuts between the knots, and the smallest distance met [mm]."""
+    seen = number(_millimetres(item["min_clearance_m"]))
+    return f"{number(_millimetres(item['proven_clearance_m']))} / {seen}"
 
 
 def _millimetres(length_m: float | None) -> float | None:
