@@ -57,7 +57,7 @@ def _certified(
             problem.cost,
             wrench=problem.wrench,
             end_cost=problem.limits.end_cost,
-        ),  # fmt: skip
+        ),
         min_clearance_m=certificate.min_clearance_m,
         proven_clearance_m=certificate.proven_clearance_m,
         certified=True,
