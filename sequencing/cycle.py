@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dmoc.arrays import Array
 from dmoc.errors import Fault, ProblemError
 from dmoc.motion import Motion
 from dmoc.refinement.params import Method
@@ -163,11 +164,10 @@ def plan_station(
     )  # fmt: skip
     try:
         count = len(nodes.studs)
-        learned = oracle.train(settings.training(count), settings.coverage(count))
-        factor, coverage = learned.factor(0.01)
-        factor = min(1.0, factor)
-        best, result = _best_cycle(oracle, settings, factor, seed, tell)
-        search = _search(oracle, best, result, (factor, coverage))
+        oracle.train(settings.training(count), settings.coverage(count))
+        factors, coverage = oracle.floor_factors(0.01)
+        best, result = _best_cycle(oracle, settings, factors, seed, tell)
+        search = _search(oracle, best, result, (factors, coverage))
         tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
         old = time_based_sequences(oracle, settings.baseline_draws, seed)
         tables = _tables(oracle, found, best, old)
@@ -210,7 +210,7 @@ class _Executed:
 
 
 def _best_cycle(
-    oracle: StationEdges, settings: PlanStop, factor: float, seed: int, tell: Progress
+    oracle: StationEdges, settings: PlanStop, factors: Array, seed: int, tell: Progress
 ) -> tuple[_Executed, LazyResult]:
     """The lazy loop, repeated until every motion of its tour is final and certified."""
     nodes, station = oracle.nodes, oracle.station
@@ -223,7 +223,7 @@ def _best_cycle(
     for _ in range(MAX_FINAL_REPAIRS):
         result = solve_lazily(
             base, oracle, stop, seed, known=dict(oracle.costs), symmetric=oracle.symmetric,
-            factor=factor, bound_each_round=False, callback=show,
+            factor=factors, bound_each_round=False, callback=show,
         )  # fmt: skip
         if not result.tour.found:
             raise NoCycle({"cycle": _why_no_cycle(oracle, result)})
@@ -293,7 +293,7 @@ def _cycle_motion(nodes: StationNodes, index: int, i: int, j: int, motion: Motio
 
 
 def _search(
-    oracle: StationEdges, best: _Executed, result: LazyResult, condition: tuple[float, float]
+    oracle: StationEdges, best: _Executed, result: LazyResult, condition: tuple[Array, float]
 ) -> Search:
     """What is proven: the minimum over lower bounds that hold for every motion there is.
 
@@ -311,13 +311,15 @@ def _search(
     solved = np.array(list(oracle.costs.values()))
     # A solved edge below its bound would refute the bound; then nothing is called proven.
     holds = bool(np.all(solved >= oracle.bound(pairs) * (1.0 - BOUND_SLACK)))
-    factor, coverage = condition
+    factors, coverage = condition
+    unknown = [factors[i, j] for i, j in nodes.usable_pairs() if (i, j) not in oracle.costs]
     failed = sum(1 for value in oracle.costs.values() if not np.isfinite(value))
     return Search(
         edges_total=len(nodes.usable_pairs()), edges_evaluated=len(oracle.costs),
         edges_training=oracle.num_training, edges_held_out=len(oracle.held_out),
         edges_failed=failed, lower_bound=bound, bound_is_proven=holds and bool(np.isfinite(bound)),
-        gap_percent=100.0 * (total - bound) / total, conditional_factor=factor,
+        gap_percent=100.0 * (total - bound) / total,
+        conditional_factor=float(np.median(unknown)) if unknown else 1.0,
         coverage_percent=100.0 * coverage,
         conditional_gap_percent=100.0 * max(0.0, total - result.conditional_bound) / total,
         stopped_by=result.status, rounds=tuple(_round(r) for r in result.rounds),

@@ -103,10 +103,11 @@ class Search:
     `lower_bound` is proven when `bound_is_proven` (docs/bounds.md: of the continuous cost of every
     motion within the robot's speed and acceleration limits); `gap_percent` is the strict gap to it.
 
-    The conditional gap holds only if no unevaluated edge costs less than `conditional_factor` times
-    its estimate; it is never called a bound. The factor was read off `edges_held_out` edges that
-    were drawn at random and that the estimate was not fitted to: with `coverage_percent` per cent
-    probability another edge drawn at random costs more than factor × estimate.
+    The conditional gap holds only if no unevaluated edge costs less than its own factor times its
+    estimate; it is never called a bound. The factors, `conditional_factor` in the median, follow
+    the deviation that the estimate states for each edge, scaled by `edges_held_out` edges that were
+    drawn at random and that the estimate was not fitted to: with `coverage_percent` per cent
+    probability another edge drawn at random costs more than its factor × its estimate.
 
     Of `edges_evaluated` edges `edges_training` fitted the estimate, `edges_held_out` only judged
     it, and the rest were asked for by the search.

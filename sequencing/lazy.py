@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dmoc.arrays import Array
 from sequencing.gtsp.portfolio import admissible_cost, solve
 from sequencing.gtsp.problem import GtspProblem, Tour
 from sequencing.gtsp.stop import Stop
@@ -48,7 +49,7 @@ def solve_lazily(
     known: Mapping[tuple[int, int], float] | None = None,
     strict: bool = True,
     symmetric: bool = False,
-    factor: float = 0.9,
+    factor: float | Array = 0.9,
     tours: int = 4,
     iterations: int | None = None,
     exact: Stop | None = None,
@@ -63,7 +64,8 @@ def solve_lazily(
     known       {(from, to): true cost} of earlier runs; never evaluated again.
     strict      the oracle's bounds are proven lower bounds of its true costs.
     symmetric   travel u → v costs the same as v → u: only u < v is asked, and stands for both.
-    factor      of the condition: an unevaluated travel costs at least factor × estimate.
+    factor      of the condition: an unevaluated travel costs at least factor × estimate; one for
+                all, or (V, V) of them.
     tours       diverse tours evaluated in one batch.
     iterations  of the heuristic in each minimisation (default 1000 × clusters).
     exact       limits of the exact minimisation (`Stop(states=…)`).
@@ -101,7 +103,7 @@ class _Loop:
     table: CostTable
     generator: np.random.Generator
     strict: bool
-    factor: float
+    factor: float | Array
     tours: int
     iterations: int
     exact: Stop

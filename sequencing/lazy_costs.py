@@ -120,7 +120,7 @@ class CostTable:
         """(V, V) the calibrated estimate, never below the bound."""
         return np.maximum(self.estimate * self.calibration(), self.bound)
 
-    def conditional(self, factor: float, strict: bool) -> np.ndarray:
+    def conditional(self, factor: float | np.ndarray, strict: bool) -> np.ndarray:
         """(V, V) factor × estimate, or the bound where that is strict and higher."""
         low = factor * self.estimate
         return np.maximum(low, self.bound) if strict else low

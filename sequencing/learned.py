@@ -51,7 +51,11 @@ def edge_features(
 
 @dataclass(frozen=True)
 class LearnedEstimate:
-    """A fitted model and its factor true / predicted on held-out edges (`held_out`, sorted)."""
+    """A fitted model and its scores on held-out edges (`held_out`, sorted).
+
+    The score of an edge is log(true / predicted) divided by the deviation that the model itself
+    states there: far from what it was fitted to it may err more, and says so.
+    """
 
     model: Pipeline
     held_out: Array
@@ -63,18 +67,24 @@ class LearnedEstimate:
         with threadpool_limits(1):  # sums in one order, whatever the machine's BLAS would do
             return rough_cost * np.exp(self.model.predict(features))
 
-    def factor(self, quantile: float) -> tuple[float, float]:
-        """(factor, coverage): an order statistic of true / predicted, and what it covers.
+    def factors(self, features: Array, quantile: float) -> tuple[Array, float]:
+        """(factors (K,), coverage): an edge costs at least its factor × its estimate.
 
-        The k-th lowest of m held-out ratios, k = max(1, ⌊quantile (m + 1)⌋), is exceeded by an edge
-        drawn at random with probability 1 − k/(m + 1), whatever the distribution. Without held-out
-        edges: (0, 1), which assumes nothing.
+        factor = exp(z σ), at most 1, with σ the model's deviation at the edge and z the k-th lowest
+        of the m held-out scores, k = max(1, ⌊quantile (m + 1)⌋). The score of another edge drawn
+        at random exceeds z with probability 1 − k/(m + 1), whatever the distribution and however
+        poor σ is: only how tight the factors are depends on σ (split conformal prediction with
+        normalised scores, Papadopoulos et al. 2002). Without held-out edges: (0, 1), which assumes
+        nothing.
         """
         count = len(self.held_out)
-        if count == 0:
-            return 0.0, 1.0
+        if count == 0 or len(features) == 0:
+            return np.zeros(len(features)), 1.0
         place = max(1, int(np.floor(quantile * (count + 1) + 1e-9)))
-        return float(self.held_out[place - 1]), 1.0 - place / (count + 1)
+        with threadpool_limits(1):
+            spread = self.model.predict(features, return_std=True)[1]
+        factors = np.minimum(1.0, np.exp(self.held_out[place - 1] * spread))
+        return factors, 1.0 - place / (count + 1)
 
 
 def training_pairs(
@@ -118,12 +128,12 @@ def fit_estimate(
     )
     held_features, held_rough, held_cost = held
     usable = np.isfinite(held_cost)
-    ratio = np.zeros(0)
+    score = np.zeros(0)
     with threadpool_limits(1), warnings.catch_warnings():
         # A length scale at the end of its range is no fault: the spread is measured anyway.
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.fit(features[good], np.log(cost[good] / rough_cost[good]))
         if usable.any():
-            predicted = held_rough[usable] * np.exp(model.predict(held_features[usable]))
-            ratio = np.sort(held_cost[usable] / predicted)
-    return LearnedEstimate(model, ratio)
+            mean, spread = model.predict(held_features[usable], return_std=True)
+            score = np.sort((np.log(held_cost[usable] / held_rough[usable]) - mean) / spread)
+    return LearnedEstimate(model, score)

@@ -76,8 +76,8 @@ def gaps(search: Mapping[str, Any]) -> str:
     if search["conditional_gap_percent"] is not None:
         text += (
             f" **Conditional gap {number(search['conditional_gap_percent'], 2)} %**: it holds if "
-            "no unevaluated edge costs less than "
-            f"{search['conditional_factor']:.3f} times its estimate. Coverage "
+            "no unevaluated edge costs less than its factor times its estimate (factors follow "
+            f"the estimate's own deviation; median {search['conditional_factor']:.3f}). Coverage "
             f"{number(search['coverage_percent'])} %: so many of the edges drawn at random cost "
             f"more, judged by {search['edges_held_out']} edges that the estimate was not fitted to."
         )

@@ -213,10 +213,11 @@ def test_lazy_is_exact_at_full_size(studs, most, tmp_path) -> None:
     with _few_alternatives(studs, most, tmp_path) as oracle:
         nodes = oracle.nodes
         base = nodes.problem(np.zeros((nodes.num_nodes,) * 2), oracle.station)
-        factor, _ = oracle.train(60, 60).factor(0.01)
+        oracle.train(60, 60)
+        factors, _ = oracle.floor_factors(0.01)
         lazy = solve_lazily(
             base, oracle, LazyStop(0.0, "conditional"), symmetric=True,
-            known=dict(oracle.costs), factor=min(1.0, factor),
+            known=dict(oracle.costs), factor=factors,
         )  # fmt: skip
         table = np.full((nodes.num_nodes,) * 2, np.inf)
         pairs = nodes.usable_pairs()
