@@ -24,7 +24,7 @@ import os
 from pathlib import Path
 
 from planning import demo_station
-from sequencing import plan_station, read_run, write_run
+from sequencing import PlanStop, plan_station, read_run, write_run
 
 station = demo_station("stud_welding_a_8")
 if os.environ.get("DMOC_REDUCED"):
@@ -37,7 +37,8 @@ print(station.name, [stud.id for stud in station.studs])
 
 # %%
 out = Path("runs/quickstart")
-cycle = plan_station(station, seed=0, store=out / "edges.sqlite")
+reduced = PlanStop(training_edges=30, coverage_edges=20) if os.environ.get("DMOC_REDUCED") else None
+cycle = plan_station(station, seed=0, stop=reduced, store=out / "edges.sqlite")
 print("order:", " → ".join(weld.stud for weld in cycle.welds))
 print(f"cycle time {cycle.duration_s:.1f} s, {cycle.certified} of {len(cycle.motions)} certified")
 

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sequencing.cycle import PlanStop as PlanStop
     from sequencing.cycle import plan_station as plan_station
     from sequencing.cycle_types import Cycle as Cycle
     from sequencing.run_files import read_run as read_run
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Cycle": "sequencing.cycle_types",
     "EdgeStore": "sequencing.store",
+    "PlanStop": "sequencing.cycle",
     "plan_station": "sequencing.cycle",
     "read_run": "sequencing.run_files",
     "schedule": "sequencing.timing",
@@ -26,6 +28,7 @@ _HOME = {
 __all__ = [
     "Cycle",
     "EdgeStore",
+    "PlanStop",
     "plan_station",
     "read_run",
     "schedule",

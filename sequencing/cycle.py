@@ -76,7 +76,7 @@ class PlanStop:
 
     def training(self, num_studs: int) -> int:
         """Number of training edges for a station of `num_studs` studs."""
-        return self.training_edges or 60 + 12 * num_studs
+        return self.training_edges or 40 + 8 * num_studs
 
     def coverage(self, num_studs: int) -> int:
         """Number of held-out edges for a station of `num_studs` studs."""

@@ -190,14 +190,13 @@ class StationEdges:
 
     def floor_factors(self, quantile: float) -> tuple[Array, float]:
         """(V, V) shares of the estimates that travels are held to cost at least, and the coverage
-        of that condition (see `LearnedEstimate.factors`); zero before `train`.
+        of that condition (see `LearnedEstimate.factors`). After `train`.
         """
-        count = self.nodes.num_nodes
-        table, coverage = np.zeros((count, count)), 1.0
-        if self.learned is not None:
-            i, j = self._pairs.T
-            factors, coverage = self.learned.factors(self._features, quantile)
-            table[i, j] = table[j, i] = factors
+        assert self.learned is not None
+        i, j = self._pairs.T
+        factors, coverage = self.learned.factors(self._features, quantile)
+        table = np.ones((self.nodes.num_nodes,) * 2)
+        table[i, j] = table[j, i] = factors
         return table, coverage
 
     def forbid(self, pairs: Iterable[tuple[int, int]]) -> None:
