@@ -16,6 +16,7 @@ import numba
 import numpy as np
 
 from sequencing.timing.exact_map import ExactPair, free_blocks
+from sequencing.timing.quadtree import block_motion, num_levels, push_quarters
 from sequencing.timing.segment_distance import segment_distance
 from sequencing.timing.swept import SweptPath
 
@@ -46,9 +47,7 @@ class CoordinationMap:
 def _capsule_map(ends_a, radius_a, travel_a, ends_b, radius_b, travel_b, pairs, clearance, blocked):
     """Fill `blocked`; returns the number of distances computed."""
     cells = blocked.shape[0]
-    levels = 1
-    while (1 << (levels - 1)) < cells:
-        levels += 1
+    levels = num_levels(cells)
     count = pairs.shape[0]
     near = np.empty((levels + 1, count), dtype=np.int64)
     near_count = np.zeros(levels + 1, dtype=np.int64)
@@ -69,13 +68,7 @@ def _capsule_map(ends_a, radius_a, travel_a, ends_b, radius_b, travel_b, pairs, 
         for m in range(near_count[depth]):
             pair = near[depth, m]
             a, b = pairs[pair, 0], pairs[pair, 1]
-            way = max(
-                travel_a[2 * (i0 + size), a] - travel_a[ma, a],
-                travel_a[ma, a] - travel_a[2 * i0, a],
-            ) + max(
-                travel_b[2 * (j0 + size), b] - travel_b[mb, b],
-                travel_b[mb, b] - travel_b[2 * j0, b],
-            )
+            way = block_motion(travel_a, a, i0, travel_b, b, j0, size)
             tests += 1
             apart = segment_distance(ends_a[ma, a], ends_b[mb, b]) - radius_a[a] - radius_b[b]
             if apart <= clearance + way:
@@ -91,13 +84,7 @@ def _capsule_map(ends_a, radius_a, travel_a, ends_b, radius_b, travel_b, pairs, 
                 for j in range(j0, j0 + size):
                     blocked[i, j] = 1
             continue
-        half = size // 2
-        for di in range(2):
-            for dj in range(2):
-                stack[top, 0] = i0 + di * half
-                stack[top, 1] = j0 + dj * half
-                stack[top, 2] = depth + 1
-                top += 1
+        top = push_quarters(stack, top, i0, j0, depth, size)
     return tests
 
 

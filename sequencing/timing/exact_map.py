@@ -18,6 +18,7 @@ from planning.kernels.gjk import FAR, HIT, SOLVED, gjk
 from planning.packed import Solids, pack_solids
 from planning.pieces import Piece
 from sequencing.timing.arm_shapes import ArmShapes
+from sequencing.timing.quadtree import block_motion, num_levels, push_quarters
 from sequencing.timing.segment_distance import segment_distance
 from sequencing.timing.swept import SweptPath
 
@@ -59,9 +60,7 @@ def _kernel(
 ):  # fmt: skip
     """Free the blocks of `blocked`; returns the number of distances asked for."""
     cells = blocked.shape[0]
-    levels = 1
-    while (1 << (levels - 1)) < cells:
-        levels += 1
+    levels = num_levels(cells)
     count = pairs.shape[0]
     solids_a = poses_a.shape[1]
     near = np.empty((levels + 1, count), dtype=np.int64)
@@ -87,13 +86,7 @@ def _kernel(
         for m in range(near_count[depth]):
             pair = near[depth, m]
             a, b = pairs[pair, 0], pairs[pair, 1]
-            way = max(
-                travel_a[2 * (i0 + size_cells), a] - travel_a[ma, a],
-                travel_a[ma, a] - travel_a[2 * i0, a],
-            ) + max(
-                travel_b[2 * (j0 + size_cells), b] - travel_b[mb, b],
-                travel_b[mb, b] - travel_b[2 * j0, b],
-            )
+            way = block_motion(travel_a, a, i0, travel_b, b, j0, size_cells)
             rough = segment_distance(ends_a[ma, a], ends_b[mb, b]) - radius_a[a] - radius_b[b]
             if rough > clearance + way:
                 continue
@@ -126,13 +119,7 @@ def _kernel(
             continue
         if hit or size_cells == 1:
             continue
-        half = size_cells // 2
-        for di in range(2):
-            for dj in range(2):
-                stack[top, 0] = i0 + di * half
-                stack[top, 1] = j0 + dj * half
-                stack[top, 2] = depth + 1
-                top += 1
+        top = push_quarters(stack, top, i0, j0, depth, size_cells)
     return tests
 
 
