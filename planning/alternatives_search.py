@@ -18,7 +18,7 @@ from planning.station import Station
 from planning.studs import Stud
 from planning.world import CollisionWorld
 
-__all__ = ["alternatives"]
+__all__ = ["alternatives", "demanded_clearance_m", "holding_load", "weld_cost"]
 
 #: Fractions of the departure line at which an alternative is checked and stored.
 LINE_FRACTIONS = np.linspace(0.0, 1.0, 11)
@@ -53,7 +53,7 @@ def _of_stud(station: Station, world: CollisionWorld, stud: Stud, seed: int) -> 
     # A stud that sits on nothing has nothing that its gun may touch.
     lines = (weld_line(station, stud),) if stud.on else ()
     own = {body.name for body in station.tool_bodies} | {f.name for f in robot.model.frames}
-    demand = max(station.clearance_m, LEAST_CLEARANCE_M)
+    demand = demanded_clearance_m(station)
     q = _held(robot, found.q_rad, reasons)
     q = _without(world, demand, q, lines, own, reasons, "collision with ")
     offset = stud.depart_m * LINE_FRACTIONS[:, None] * stud.depart_direction
@@ -67,19 +67,35 @@ def _of_stud(station: Station, world: CollisionWorld, stud: Stud, seed: int) -> 
             kept.append(row)
         else:
             reasons["departure jams with " + _other(pair, own)] += 1
-    cost = station.cost
-    result = []
-    for index, row in enumerate(kept):
-        rate = float(cost.holding_rate(robot.gravity_torque_nm(row[0])))
-        result.append(Alternative(stud.id, index, row[0], row, stud.weld_time_s * rate))
-    return StudAlternatives(stud, tuple(result), {k: v for k, v in reasons.items() if v})
+    result = tuple(
+        Alternative(stud.id, index, row[0], row, weld_cost(station, stud, row[0]))
+        for index, row in enumerate(kept)
+    )
+    return StudAlternatives(stud, result, {k: v for k, v in reasons.items() if v})
+
+
+def demanded_clearance_m(station: Station) -> float:
+    """What a weld pose and its departure line keep from everything [m]."""
+    return max(station.clearance_m, LEAST_CLEARANCE_M)
+
+
+def weld_cost(station: Station, stud: Stud, q_rad: Array) -> float:
+    """Cost of the weld at q (n,): its time × (c_t + c_e ‖g(q)‖²)."""
+    rate = float(station.cost.holding_rate(station.robot.gravity_torque_nm(q_rad)))
+    return stud.weld_time_s * rate
+
+
+def holding_load(robot: Robot, q_rad: Array) -> Array:
+    """Share (K, n) of each joint's torque limit that it takes to stand still at rows of q."""
+    load: Array = np.abs(robot.gravity_torque_nm(q_rad)) / robot.torque_limit_nm
+    return load
 
 
 def _held(robot: Robot, q: Array, reasons: Counter[str]) -> Array:
     """Rows of q at which no joint needs more than its torque limit to stand still."""
     if not len(q):
         return q
-    excess = np.abs(robot.gravity_torque_nm(q)) / robot.torque_limit_nm
+    excess = holding_load(robot, q)
     for joint in np.argmax(excess, axis=1)[excess.max(axis=1) > 1.0]:
         reasons[f"joint {joint + 1} cannot hold the weight"] += 1
     return q[excess.max(axis=1) <= 1.0]

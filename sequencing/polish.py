@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmoc.motion import Motion
+from planning.alternatives_search import weld_cost
 from planning.station import Station
 from planning.studs import Stud
 from planning.world import CollisionWorld
@@ -23,7 +24,6 @@ from sequencing.polish_spin import (
     EndGradient,
     admissible,
     end_gradient,
-    holding_cost,
     line_problem,
     spin_slope,
     spun,
@@ -135,7 +135,7 @@ def _accept(
     found: tuple[Motion, Motion],
 ) -> None:  # fmt: skip
     weld, places = state.welds[k], _around(state, k)
-    holding = holding_cost(station, studs[weld.stud], q)
+    holding = weld_cost(station, studs[weld.stud], q)
     old = weld.cost + sum(state.motions[m].motion.cost for m in places)
     new = holding + sum(motion.cost for motion in found)
     good = all(m.status.ok and m.certified and m.trajectory is not None for m in found)

@@ -13,7 +13,13 @@ from dmoc.nlp_types import Box, Guess
 from dmoc.trajectory import JointTrajectory
 from dmoc.transcription import Layout
 from planning.alternative import departure_knots, weld_line
-from planning.alternatives_search import FREE_M, LINE_FRACTIONS
+from planning.alternatives_search import (
+    FREE_M,
+    LINE_FRACTIONS,
+    demanded_clearance_m,
+    holding_load,
+    weld_cost,
+)
 from planning.chain import chain_of
 from planning.departure import departure_fractions
 from planning.ik_numeric import converge
@@ -26,7 +32,6 @@ __all__ = [
     "EndGradient",
     "admissible",
     "end_gradient",
-    "holding_cost",
     "line_problem",
     "spin_slope",
     "spun",
@@ -64,20 +69,16 @@ def spun(station: Station, q_rad: Array, angle_rad: float) -> Array | None:
 
 def admissible(station: Station, world: CollisionWorld, stud: Stud, q_rad: Array) -> bool:
     """Whether `q_rad` (n,) may weld the stud: what `alternatives` demands of a pose."""
+    if holding_load(station.robot, q_rad[None]).max() > 1.0:
+        return False
     offset = stud.depart_m * LINE_FRACTIONS[:, None] * stud.depart_direction
     line, good = follow_line(chain_of(station.robot), q_rad[None], offset[None])
     if not good[0]:
         return False
     lines = (weld_line(station, stud),) if stud.on else ()
-    if world.collide_batch(line[0], station.clearance_m, lines).any():
+    if world.collide_batch(line[0], demanded_clearance_m(station), lines).any():
         return False
     return not world.collide_batch(line[0, -1:], FREE_M, ()).any()
-
-
-def holding_cost(station: Station, stud: Stud, q_rad: Array) -> float:
-    """Cost of the weld: its time × (c_t + c_e ‖g(q)‖²)."""
-    rate = station.cost.holding_rate(station.robot.gravity_torque_nm(q_rad))
-    return float(stud.weld_time_s * rate)
 
 
 def line_problem(
@@ -140,7 +141,7 @@ def spin_slope(
     behind = spun(station, q_rad, -_DIFFERENCE_RAD)
     if ahead is None or behind is None:
         return None
-    change = holding_cost(station, stud, ahead) - holding_cost(station, stud, behind)
+    change = weld_cost(station, stud, ahead) - weld_cost(station, stud, behind)
     for gradient, leaving in ((after, True), (before, False)):
         if gradient is None:
             continue

@@ -12,7 +12,7 @@ from dmoc.nlp import solve_nlp
 from dmoc.nlp_types import Guess
 from dmoc.solver import motion_from_solution, solve
 from planning.alternative import departure_knots
-from planning.alternatives_search import alternatives
+from planning.alternatives_search import alternatives, weld_cost
 from planning.chain import chain_of
 from planning.departure import with_departure
 from planning.station import demo_station
@@ -22,7 +22,6 @@ from sequencing.polish import _batches
 from sequencing.polish_spin import (
     admissible,
     end_gradient,
-    holding_cost,
     line_problem,
     spin_slope,
     spun,
@@ -77,7 +76,7 @@ def test_slope_is_the_difference_quotient(station, pose) -> None:
     for sign in (1, -1):
         q = spun(station, pose, sign * step)
         found = _motion(station, stud, q, station.home_rad, motion.trajectory)
-        ends.append(found.cost + found.smoothing_cost + holding_cost(station, stud, q))
+        ends.append(found.cost + found.smoothing_cost + weld_cost(station, stud, q))
     # Limits between the knots are corrected after each solve, outside of the multipliers.
     assert slope == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-2)
     back = motion.trajectory.reversed()
@@ -126,3 +125,13 @@ def test_polish_never_costs_more_and_every_motion_stays_certified(station, tmp_p
         assert admissible(station, world, studs[weld.stud], weld.q_rad)
     again = plan_station(station, stop=STOP, store=store, polish=True)
     assert again.polish == record
+
+
+def test_a_pose_that_the_drives_cannot_hold_is_not_admissible(station, pose) -> None:
+    """The rule of `alternatives`, which polish once copied in part."""
+    stud = station.studs[0]
+    world = CollisionWorld(station)
+    assert admissible(station, world, stud, pose)
+    load = np.abs(station.robot.gravity_torque_nm(pose))
+    weak = station.robot.with_limits(torque_limit_nm=np.maximum(0.9 * load, 1.0))
+    assert not admissible(station.replace(robot=weak), world, stud, pose)
