@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from dmoc.motion import Motion, MotionProblem
+from dmoc.nlp_types import Guess
 from dmoc.refinement import RefineParams, refine
 from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.params import Method
@@ -50,10 +51,12 @@ def plan_motion(
     method: Method = "halfspaces",
     params: EdgeParams = EdgeParams(),
     guess: JointTrajectory | None = None,
+    free_guess: Guess | None = None,
 ) -> Motion:
     """The certified motion of `problem` in a station, or the reason why there is none.
 
-    The obstacle-free optimum, if it is certified. Else `refine` from, in this order, `guess` (a
+    The obstacle-free optimum (solved from `free_guess`, else from the straight line), if it is
+    certified. Else `refine` from, in this order, `guess` (a
     motion of the same edge on another grid), the obstacle-free optimum where that penetrates
     little, and planned paths between the ends of the departure lines (`problem.depart_rad[-1]`,
     `problem.arrive_rad[0]`); `method="boxes"` needs collision-free seeds and leaves out the second.
@@ -75,7 +78,7 @@ def plan_motion(
     blocked = _ends_in_collision(problem, clearance)
     if blocked is not None:
         return blocked
-    free = refine(problem, None, clearance, method="none", params=settings)
+    free = refine(problem, free_guess, clearance, method="none", params=settings)
     if free.certified or method == "none":
         return free
     used = free.iterations

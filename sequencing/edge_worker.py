@@ -32,7 +32,7 @@ from sequencing.store import decode_motion, encode_motion
 __all__ = ["EdgeJob", "EdgeResult", "context_fingerprint", "solve_edge", "write_context"]
 
 # Raised whenever a change of the code changes the motion that an edge gets.
-EDGE_VERSION = 2
+EDGE_VERSION = 3
 
 Quality = Literal["screen", "final"]
 NUM_INTERVALS: dict[Quality, int] = {"screen": 20, "final": 40}
@@ -100,7 +100,7 @@ def edge_motion(
     """The motion of a job in a world that exists already; a final one starts from the screened."""
     origin, target = (None if s is None else studs[s] for s in (job.origin, job.target))
     start, goal = np.array(job.start_rad), np.array(job.goal_rad)
-    problem = best_departure(
+    departure = best_departure(
         MotionProblem(station.robot, start, goal, station.cost),
         None if origin is None else _line(station, origin, start),
         None if target is None else _line(station, target, goal),
@@ -115,8 +115,8 @@ def edge_motion(
         screened = decode_motion(job.screened, station.robot)
         guess = screened.trajectory if screened.source == "refined" else None
     return plan_motion(
-        problem, clearance, world, seed=job.seed, quality=job.quality, method=job.method,
-        guess=guess,
+        departure.problem, clearance, world, seed=job.seed, quality=job.quality,
+        method=job.method, guess=guess, free_guess=departure.guess,
     )  # fmt: skip
 
 

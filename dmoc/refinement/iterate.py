@@ -12,9 +12,17 @@ from dmoc.arrays import Array
 from dmoc.motion import MotionProblem, straight_path
 from dmoc.nlp_types import Guess, NlpSolution
 from dmoc.parametrise import time_scale
+from dmoc.state import knot_velocities, residuals
 from dmoc.trajectory import JointPath, JointTrajectory
 
-__all__ = ["Iterate", "Points", "fixed_knots", "iterate_from_path", "iterate_from_trajectory"]
+__all__ = [
+    "Iterate",
+    "Points",
+    "fixed_knots",
+    "iterate_from_guess",
+    "iterate_from_path",
+    "iterate_from_trajectory",
+]
 
 # A time-optimal seed with a nearly full stop can be hundreds of times too slow.
 LONGEST_SEED_RATIO = 3.0
@@ -75,6 +83,15 @@ class Iterate:
         """This iterate as the interpolant that everything downstream uses."""
         t = self.step_s * np.arange(len(self.q_rad), dtype=np.float64)
         return JointTrajectory(t, self.q_rad, self.velocity_rad_s, self.torque_nm, problem.robot)
+
+
+def iterate_from_guess(problem: MotionProblem, guess: Guess) -> Iterate:
+    """A first iterate with the knots, torques, step and multipliers of `guess`."""
+    left, right = residuals(problem, guess.q_rad, guess.torque_nm, guess.step_s)
+    velocity = knot_velocities(problem.robot, guess.q_rad, left, right)
+    return Iterate(
+        guess.q_rad, guess.torque_nm, velocity, guess.step_s, multipliers=guess.multipliers
+    )
 
 
 def fixed_knots(problem: MotionProblem) -> npt.NDArray[np.bool_]:

@@ -11,9 +11,15 @@ from dmoc.clearance import Certificate, Clearance
 from dmoc.errors import Fault, ProblemError
 from dmoc.motion import Motion, MotionProblem
 from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import NlpSolution
+from dmoc.nlp_types import Guess, NlpSolution
 from dmoc.refinement.fallback import fallback_motion
-from dmoc.refinement.iterate import Iterate, fixed_knots, iterate_from_path, iterate_from_trajectory
+from dmoc.refinement.iterate import (
+    Iterate,
+    fixed_knots,
+    iterate_from_guess,
+    iterate_from_path,
+    iterate_from_trajectory,
+)
 from dmoc.refinement.params import Method, RefineParams, Trace
 from dmoc.refinement.points import View, look, points_of, required_clearance
 from dmoc.refinement.repair import repaired_stage, restart
@@ -29,7 +35,7 @@ _MOST_PUSHES = 8
 
 def refine(
     problem: MotionProblem,
-    path: JointPath | JointTrajectory | None,
+    path: JointPath | JointTrajectory | Guess | None,
     clearance: Clearance,
     *,
     method: Method = "halfspaces",
@@ -40,9 +46,10 @@ def refine(
     """Turn a path into a locally optimal motion that is proven free between its knots.
 
     `path` is collision-free (a `JointPath` is time-scaled first; a `JointTrajectory` keeps its
-    timing); None starts from the straight line. `method` is `halfspaces` (linearised distances at
-    points of every interval), `boxes` (the paper's section 2.4) or `none` (obstacles are ignored,
-    only the certificate looks at them). `trace` is called after every solve.
+    timing; a `Guess` is on the problem's grid already); None starts from the straight line.
+    `method` is `halfspaces` (linearised distances at points of every interval), `boxes` (the
+    paper's section 2.4) or `none` (obstacles are ignored, only the certificate looks at them).
+    `trace` is called after every solve.
 
     Returns a `Motion`: `certified` says what `clearance.certify` said of exactly this trajectory.
     Without a certificate the time-scaled `JointPath`, if that is certified, is returned as
@@ -59,6 +66,8 @@ def refine(
     params = params or RefineParams()
     if isinstance(path, JointTrajectory):
         first = iterate_from_trajectory(problem, path)
+    elif isinstance(path, Guess):
+        first = iterate_from_guess(problem, path)
     else:
         first = iterate_from_path(problem, path)
     if method == "none" or fixed_knots(problem).all():

@@ -231,8 +231,8 @@ def departures_table(study: StudWeldingStudy) -> str:
     ]  # fmt: skip
     header = ["way to leave", "tip speed m/s", "new: ratio", *names, "cheapest with welds"]
     return markdown_table(header, rows) + (
-        "\n\nTravel cost of each sequence without obstacles. The plan itself chooses one or two "
-        "twentieths of each motion, whichever is cheaper. Other lengths of the line are among the "
+        "\n\nTravel cost of each sequence without obstacles. The plan itself chooses one to four "
+        "twentieths of each motion, whichever is cheapest. Other lengths of the line are among the "
         "changed assumptions above."
     )
 

@@ -47,7 +47,7 @@ def refine_in_stages(
         MotionProblem(station.robot, curve.q_rad[0], curve.q_rad[-1], station.cost),
         _line(station, item.origin, curve.q_rad[0]), _line(station, item.target, curve.q_rad[-1]),
         20,
-    )  # fmt: skip
+    ).problem  # fmt: skip
     clearance = world.clearance(
         start_line=weld_line(station, origin) if origin.on else None,
         goal_line=weld_line(station, target) if target.on else None,

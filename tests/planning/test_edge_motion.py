@@ -1,5 +1,7 @@
 """One edge of a station: free, around obstacles, by boxes, refused, without a path."""
 
+from itertools import combinations, product
+
 import numpy as np
 import pytest
 
@@ -77,21 +79,47 @@ def test_line_knots_follow_the_grid():
     np.testing.assert_allclose(departure_fractions(2), [0.25, 1.0])
 
 
-def test_the_cheaper_number_of_line_knots_is_taken(cell):
+def nearest_poses(table):
+    """The two poses of different studs between which the joints turn least."""
+    pairs = [
+        (a, b)
+        for first, second in combinations(table.values(), 2)
+        for a, b in product(first.alternatives, second.alternatives)
+    ]
+    return min(pairs, key=lambda pair: np.abs(pair[0].q_rad - pair[1].q_rad).max())
+
+
+def test_the_cheapest_number_of_line_knots_is_taken(cell):
     station, _, table = cell
     seen = set()
-    for first, second in (("S01", "S20"), ("S04", "S14"), ("S12", "S07"), ("S09", "S12")):
-        a, b = table[first].alternatives[0], table[second].alternatives[0]
+    far = [(table[a].alternatives[0], table[b].alternatives[0])
+           for a, b in (("S01", "S20"), ("S04", "S14"), ("S12", "S07"))]  # fmt: skip
+    for a, b in (*far, nearest_poses(table)):
         lines = line_through(a.line_rad), line_through(b.line_rad)
         plain = MotionProblem(station.robot, a.q_rad, b.q_rad, station.cost, 20)
-        chosen = best_departure(plain, *lines)
-        costs = [solve(with_departure(plain, *lines, 20, m)).cost for m in (1, 2)]
+        chosen = best_departure(plain, *lines).problem
+        costs = [solve(with_departure(plain, *lines, 20, m)).cost for m in (1, 2, 3, 4)]
         assert len(chosen.depart_rad) == 1 + int(np.argmin(costs))
-        fine = best_departure(plain, *lines, 40)
+        fine = best_departure(plain, *lines, 40).problem
         assert fine.num_intervals == 40
         assert len(fine.depart_rad) == 2 * len(chosen.depart_rad)
         seen.add(len(chosen.depart_rad))
-    assert seen <= {1, 2}
+    assert len(seen) > 1
+
+
+@pytest.mark.parametrize("num", [20, 40])
+def test_the_guess_of_a_departure_saves_iterations(cell, num):
+    station, _, table = cell
+    cold, warm = 0, 0
+    for first, second in (("S01", "S20"), ("S04", "S14"), ("S12", "S07")):
+        a, b = table[first].alternatives[0], table[second].alternatives[0]
+        lines = line_through(a.line_rad), line_through(b.line_rad)
+        plain = MotionProblem(station.robot, a.q_rad, b.q_rad, station.cost)
+        chosen = best_departure(plain, *lines, num)
+        from_line, from_guess = solve(chosen.problem), solve(chosen.problem, guess=chosen.guess)
+        assert from_guess.cost <= 1.02 * from_line.cost  # another optimum may be next to it
+        cold, warm = cold + from_line.iterations, warm + from_guess.iterations
+    assert warm < cold
 
 
 def test_a_free_edge_is_its_obstacle_free_optimum(cell):

@@ -172,7 +172,7 @@ def _never_above(count, thin, seed):
         problem = best_departure(
             MotionProblem(robot, points[0], points[3], cost),
             line_through(points[:2]), line_through(points[3:1:-1]), 20,
-        )  # fmt: skip
+        ).problem  # fmt: skip
         for each in (problem, problem.replace(depart_rad=None, arrive_rad=None)):
             if each is not problem:
                 straight = points[None, [0, 3]]
