@@ -21,7 +21,7 @@ from planning.alternatives_search import (
     weld_cost,
 )
 from planning.chain import chain_of
-from planning.departure import departure_fractions
+from planning.departure import MOST_OF_TWENTY, departure_fractions, num_line_knots
 from planning.ik_numeric import converge
 from planning.kinematics import follow_line
 from planning.station import Station
@@ -87,7 +87,8 @@ def line_problem(
     """The problem that `trajectory` solves, with the line knots that it keeps to; None if none."""
     first, last = trajectory.q_rad[0], trajectory.q_rad[-1]
     num = trajectory.num_intervals
-    for count in range(1, num // 4):
+    for per_twenty in range(1, MOST_OF_TWENTY + 1):  # what `best_departure` chooses from
+        count = per_twenty * num_line_knots(num)
         fractions = departure_fractions(count)
         depart = arrive = None
         if origin is not None:

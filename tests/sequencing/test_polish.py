@@ -14,7 +14,7 @@ from dmoc.solver import motion_from_solution, solve
 from planning.alternative import departure_knots
 from planning.alternatives_search import alternatives, weld_cost
 from planning.chain import chain_of
-from planning.departure import with_departure
+from planning.departure import MOST_OF_TWENTY, with_departure
 from planning.station import demo_station
 from planning.world import CollisionWorld
 from sequencing.cycle import PlanStop, plan_station
@@ -51,11 +51,11 @@ def test_spinning_keeps_the_tip_and_its_axis(station, pose) -> None:
     np.testing.assert_allclose(spun(station, turned, -0.3), pose, atol=1e-8)
 
 
-def _motion(station, stud, start, goal, guess=None):
+def _motion(station, stud, start, goal, guess=None, knots=None):
     """A free motion that leaves `start` on the stud's line and ends at `goal`."""
     line = lambda f: departure_knots(station, stud, start, [f])[0]  # noqa: E731
     problem = with_departure(
-        MotionProblem(station.robot, start, goal, station.cost), line, None, 40
+        MotionProblem(station.robot, start, goal, station.cost), line, None, 40, knots
     )
     if guess is None:
         return solve(problem).require()
@@ -83,6 +83,19 @@ def test_slope_is_the_difference_quotient(station, pose) -> None:
     arriving = end_gradient(line_problem(station, None, stud, back), back)
     again = spin_slope(station, stud, pose, None, arriving)
     assert again == pytest.approx(slope, rel=1e-2)
+
+
+@pytest.mark.parametrize("twentieths", range(1, MOST_OF_TWENTY + 1))
+def test_line_knots_are_read_off_the_motion(station, pose, twentieths) -> None:
+    """Every number of them that a motion may have been solved with."""
+    stud, knots = station.studs[0], 2 * twentieths
+    motion = _motion(station, stud, pose, station.home_rad, knots=knots)
+    problem = line_problem(station, stud, None, motion.trajectory)
+    assert len(problem.depart_rad) == knots
+    assert problem.arrive_rad is None
+    back = line_problem(station, None, stud, motion.trajectory.reversed())
+    assert len(back.arrive_rad) == knots
+    assert back.depart_rad is None
 
 
 def test_inadmissible_poses_are_refused(station, pose) -> None:
