@@ -1,12 +1,13 @@
-"""CPU and quality of free-time motions: this package beside rockit, crocoddyl and toppra.
+"""CPU and quality of free-time motions: this package beside its peers.
 
     python benchmarks/ocp.py [--pairs 20] [--reliability 0] [--robots ur10e_class irb6640_class]
-        [--peers rockit crocoddyl toppra]
+        [--peers rockit crocoddyl toppra drake]
 
 Random rest-to-rest problems, N = 40, drawn before anything is solved, with |g(q)| ≤ 0.9 u_max at
 both ends. For the comparison the acceleration limit is off for everybody; crocoddyl has none, nor
 speed limits, so its J may be lower: the last ratio counts only the pairs where its motion keeps all
-limits anyway. Ours is shown with the acceleration limit as well. CPU is process time of
+limits anyway. Ours is shown with the acceleration limit as well, and on twice the grid at fixed
+time, where its J is what crocoddyl reaches with its fourth-order steps. CPU is process time of
 the solve alone; J is the cost of the cubic interpolant with the torques that it needs by inverse
 dynamics, for everybody alike; ratios are per problem, medians over problems. Peers that are not
 installed are left out and named. Results: `benchmarks/results/ocp.md` and `.json`.
@@ -27,7 +28,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("DMOC_BACKEND", "c")
 
 import numpy as np
-from ocp_peers import Crocoddyl, Rockit, Toppra
+from ocp_peers import Crocoddyl, Drake, Rockit, Toppra
 
 from dmoc.cost import Cost
 from dmoc.motion import MotionProblem
@@ -39,6 +40,7 @@ from dmoc.trajectory import JointTrajectory
 
 RESULTS = Path(__file__).parent / "results"
 REPEATS = 3
+FINER = "dmoc, fixed time, N = 80"
 
 
 def draw_pairs(robot: Robot, count: int, seed: int, span: float = 2.0) -> list[tuple]:
@@ -72,7 +74,11 @@ def compare(name: str, count: int, peers: list) -> dict:
     rows = {"with acceleration limits": [timed(problem) for problem in limited]}
     ours = [timed(problem) for problem in problems]
     fixed = [timed(p.replace(duration_s=m.duration_s)) for p, (m, _) in zip(problems, ours)]
-    rows |= {"dmoc, free time": ours, "dmoc, fixed time": fixed}
+    finer = [
+        timed(p.replace(duration_s=m.duration_s, num_intervals=80))
+        for p, (m, _) in zip(problems, ours)
+    ]
+    rows |= {"dmoc, free time": ours, "dmoc, fixed time": fixed, FINER: finer}
     report = {}
     for label, results in rows.items():
         report[label] = summary(
@@ -101,10 +107,22 @@ def compare(name: str, count: int, peers: list) -> dict:
             for i in ok
         }
         entry["cost_ratio_to_dmoc"] = float(np.median(list(worth.values())))
+        if not kind.free_time:
+            entry["cpu_ratio_to_finer"] = float(
+                np.median([results[i][1] / finer[i][1] for i in ok])
+            )
         legal = [i for i in ok if is_legal(results[i][0], free)]
         entry["within_limits"], entry["pairs"] = len(legal), len(results)
         if legal:
             entry["cost_ratio_within_limits"] = float(np.median([worth[i] for i in legal]))
+        if legal and not kind.free_time:
+            entry["cost_ratio_to_finer"] = float(
+                np.median([
+                    trajectory_cost(results[i][0], free, cost)
+                    / trajectory_cost(finer[i][0].trajectory, free, cost)
+                    for i in legal
+                ])
+            )  # fmt: skip
         report[peer.name] = entry
     return report
 
@@ -195,6 +213,12 @@ def table(report: dict) -> str:
             f"| {row['end_error_mrad']:.3f} "
             f"| {row['failed']} |"
         )
+    for label, row in report.items():
+        if "cpu_ratio_to_finer" in row:
+            line = f"{label} beside ours on N = 80: {row['cpu_ratio_to_finer']:.1f} times the CPU"
+            if "cost_ratio_to_finer" in row:
+                line += f", J {row['cost_ratio_to_finer']:.4f} of ours within limits"
+            lines += ["", line + "."]
     return "\n".join(lines)
 
 
@@ -204,13 +228,14 @@ def main() -> None:
     parser.add_argument("--reliability", type=int, default=0)
     parser.add_argument("--robots", nargs="+", default=["ur10e_class", "irb6640_class"])
     parser.add_argument("--reliability-robots", nargs="+", default=None)
-    parser.add_argument("--peers", nargs="+", default=["rockit", "crocoddyl", "toppra"])
+    parser.add_argument("--peers", nargs="+", default=["rockit", "crocoddyl", "toppra", "drake"])
     parser.add_argument("--name", default="ocp")
     options = parser.parse_args()
-    kinds = {"rockit": Rockit, "crocoddyl": Crocoddyl, "toppra": Toppra}
-    peers, missing = installed([(kinds[name], name) for name in options.peers])
+    kinds = {"rockit": Rockit, "crocoddyl": Crocoddyl, "toppra": Toppra, "drake": Drake}
+    modules = {"drake": "pydrake"}
+    peers, missing = installed([(kinds[name], modules.get(name, name)) for name in options.peers])
     versions = {}
-    for package in ("casadi", "pin", "numpy", "rockit-meco", "crocoddyl", "toppra"):
+    for package in ("casadi", "pin", "numpy", "rockit-meco", "crocoddyl", "toppra", "drake"):
         try:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:

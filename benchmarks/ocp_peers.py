@@ -161,6 +161,97 @@ class Crocoddyl:
         return (motion if done else None), spent
 
 
+class Drake:
+    """Drake DirectCollocation (cubic collocation) with SNOPT, free time, on half the grid.
+
+    The plant is built from the same numbers; its derivatives are taken by automatic
+    differentiation, which is what makes it slow. Feasible to SNOPT's default tolerance.
+    """
+
+    name = "Drake collocation, N = 20"
+    free_time = True
+    most_pairs = 1
+
+    def __init__(self, robot: Robot, cost: Cost, num_intervals: int) -> None:
+        import pydrake.all as drake
+
+        self.drake, self.robot, self.cost, self.count = drake, robot, cost, num_intervals // 2
+        self.plant = self._plant()
+
+    def _plant(self):
+        drake, robot, model = self.drake, self.robot, self.robot.model
+        arm = arm_of(robot)
+        plant = drake.MultibodyPlant(time_step=0.0)
+        plant.mutable_gravity_field().set_gravity_vector(model.gravity.linear)
+        parent = plant.world_body()
+        for j in range(robot.num_joints):
+            inertia, place = model.inertias[j + 1], model.jointPlacements[j + 1]
+            turn = inertia.inertia
+            body = plant.AddRigidBody(
+                f"body{j}",
+                drake.SpatialInertia.MakeFromCentralInertia(
+                    inertia.mass, inertia.lever,
+                    drake.RotationalInertia(turn[0, 0], turn[1, 1], turn[2, 2],
+                                            turn[0, 1], turn[0, 2], turn[1, 2]),
+                ),
+            )  # fmt: skip
+            mount = drake.RigidTransform(drake.RotationMatrix(place.rotation), place.translation)
+            frame = drake.FixedOffsetFrame(f"frame{j}", parent.body_frame(), mount)
+            joint = plant.AddJoint(drake.RevoluteJoint(
+                f"joint{j}", plant.AddFrame(frame), body.body_frame(), np.array(arm.joints[j].axis)
+            ))  # fmt: skip
+            motor = plant.AddJointActuator(f"motor{j}", joint, robot.torque_limit_nm[j])
+            motor.set_default_rotor_inertia(robot.armature_kg_m2[j])
+            motor.set_default_gear_ratio(1.0)
+            parent = body
+        plant.Finalize()
+        return plant
+
+    def solve(self, problem: MotionProblem) -> tuple[JointTrajectory | None, float]:
+        drake, robot, cost, n = self.drake, self.robot, self.cost, self.robot.num_joints
+        guess = straight_guess(problem.replace(num_intervals=self.count))
+        step, zero = guess.step_s, np.zeros(n)
+        port = self.plant.get_actuation_input_port().get_index()
+        motion = drake.DirectCollocation(
+            self.plant,
+            self.plant.CreateDefaultContext(),
+            self.count + 1,
+            0.2 * step,
+            5 * step,
+            port,
+        )
+        motion.AddEqualTimeIntervalsConstraints()
+        x, u = motion.state(), motion.input()
+        high = np.concatenate([robot.q_upper_rad, robot.velocity_limit_rad_s])
+        low = np.concatenate([robot.q_lower_rad, -robot.velocity_limit_rad_s])
+        for a, lower, upper in ((x, low, high), (u, -robot.torque_limit_nm, robot.torque_limit_nm)):
+            for variable, least, most in zip(a, lower, upper):
+                motion.AddConstraintToAllKnotPoints(variable >= least)
+                motion.AddConstraintToAllKnotPoints(variable <= most)
+        program = motion.prog()
+        for state, q in (
+            (motion.initial_state(), problem.start_rad), (motion.final_state(), problem.goal_rad),
+        ):  # fmt: skip
+            at = np.concatenate([q, zero])
+            program.AddBoundingBoxConstraint(at, at, state)
+        motion.AddRunningCost(cost.time + cost.effort * u.dot(u) + cost.velocity * x[n:].dot(x[n:]))
+        t = step * np.arange(self.count + 1)
+        rates = np.gradient(guess.q_rad, step, axis=0)
+        torque = np.vstack([guess.torque_nm, guess.torque_nm[-1:]])
+        motion.SetInitialTrajectory(
+            drake.PiecewisePolynomial.FirstOrderHold(t, torque.T),
+            drake.PiecewisePolynomial.FirstOrderHold(t, np.hstack([guess.q_rad, rates]).T),
+        )
+        start = time.process_time()
+        result = drake.SnoptSolver().Solve(program)
+        spent = time.process_time() - start
+        if not result.is_success():
+            return None, spent
+        t = motion.GetSampleTimes(result)
+        x, u = motion.GetStateSamples(result), motion.GetInputSamples(result)
+        return JointTrajectory(t, x[:n].T, x[n:].T, u[:, :-1].T, robot), spent
+
+
 class Toppra:
     """toppra on the straight line: time-optimal under speed and torque limits."""
 
