@@ -22,7 +22,7 @@ class Plan:
             if clusters <= 60:
                 normal = 40_000 + 1000 * clusters
             else:
-                normal = 5500 * clusters if clusters <= 120 else min(10_000 * clusters, 1_500_000)
+                normal = 3500 * clusters if clusters <= 120 else min(6000 * clusters, 1_000_000)
             factor = {"quick": QUICK, "normal": 1.0, "thorough": THOROUGH}[effort]
             iterations = int(normal * factor)
         child = 1500 if clusters <= 60 else 2000
