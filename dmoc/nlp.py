@@ -1,4 +1,4 @@
-"""The only caller of `nlpsol`: one solver object per programme, many solves.
+"""The only caller of `nlpsol` and of our own method: one solver per programme, many solves.
 
 Speed and acceleration limits are often inactive at an optimum with a velocity cost, yet their rows
 double the size of the linear systems. So a programme is solved without them first; what the
@@ -29,6 +29,7 @@ from dmoc.curve_limits import (
     no_lag,
 )
 from dmoc.half_spaces import capacity_for, half_space_params, without_idle_rows
+from dmoc.interior import solve_staged
 from dmoc.motion import MotionProblem
 from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, IpoptParams, NlpSolution, PathRows
 from dmoc.programme import Families, MotionProgramme, motion_programme
@@ -227,8 +228,7 @@ def _solve_once(
     )
     if warm:
         arguments |= {"lam_x0": multipliers.bounds, "lam_g0": multipliers.rows}
-    solver = _solver(motion, params, warm)
-    result, stats = solver(**arguments), solver.stats()
+    result, stats = _minimum(motion, arguments, params, warm)
     x = np.array(result["x"]).ravel()
     status = _status(stats, params)
     cost = float(result["f"])
@@ -245,15 +245,33 @@ def _solve_once(
         status=status, q_rad=q, torque_nm=torque, step_s=h,
         velocity_rad_s=knot_velocities(robot, q, left, right),
         cost=cost - smoothing, smoothing_cost=smoothing, iterations=int(stats["iter_count"]),
-        max_defect=defect,
+        max_defect=defect, solver=stats.get("solver", params.solver),
         multipliers=None if staged else Multipliers(
             np.array(result["lam_x"]).ravel(), np.array(result["lam_g"]).ravel(), families
         ),
     )  # fmt: skip
 
 
+def _minimum(
+    motion: MotionProgramme, arguments: dict[str, Array], params: IpoptParams, warm: bool
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What `nlpsol` returns, and its statistics; of our own method where that is asked for.
+
+    What does not fit there or where it gets stuck goes on to Ipopt, from the same start.
+    """
+    spent, name = 0, params.solver
+    if params.solver == "structured":
+        own = solve_staged(motion, arguments, params)
+        if own is not None and own[1]["return_status"] in STATUS:
+            return own
+        spent, name = 0 if own is None else own[1]["iter_count"], "ipopt"
+    solver = _solver(motion, params, warm)
+    result, stats = solver(**arguments), solver.stats()
+    return result, stats | {"iter_count": stats["iter_count"] + spent, "solver": name}
+
+
 def _status(stats: dict[str, Any], params: IpoptParams) -> Status:
-    if params.solver == "ipopt":
+    if params.solver != "fatrop":
         return STATUS.get(stats["return_status"], Status.NUMERICAL_FAILURE)
     if stats["success"]:
         return Status.CONVERGED

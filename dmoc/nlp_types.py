@@ -14,7 +14,7 @@ from dmoc.status import Status
 
 __all__ = ["DEFAULT_PARAMS", "Box", "Guess", "IpoptParams", "NlpSolution", "PathRows"]
 
-SOLVERS = ("ipopt", "fatrop")
+SOLVERS = ("ipopt", "fatrop", "structured")
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,12 @@ class IpoptParams:
     With `limit_curve` speed and acceleration limits hold on the whole executed curve (to 1 %), else
     only for differences of the knots. What the curve does beyond its rows is known only afterwards:
     up to `curve_corrections` further solves take it in; with 0 the next warm start does.
-    `solver` is `ipopt` or `fatrop`, which finds the same optima but, in CasADi's interface, takes
-    no derivatives from us and is several times slower; it starts cold, its `acceptable_` settings
-    do not exist, and it carries no limits that look back further than one knot (`dmoc.staged`).
+    `solver` is `ipopt`; `structured`, our own interior-point method (`dmoc.interior`), which finds
+    the same optima several times faster and hands on to Ipopt what does not fit it (jerk, RMS
+    torque, conditions on the end, rows with equal bounds) or where it gets stuck; or `fatrop`,
+    which finds the same optima but, in CasADi's interface, takes no derivatives from us and is
+    several times slower; it starts cold, its `acceptable_` settings do not exist, and it carries no
+    limits that look back further than one knot (`dmoc.staged`).
     """
 
     tolerance: float = 1e-6
@@ -82,7 +85,11 @@ class Guess:
 
 @dataclass(frozen=True)
 class NlpSolution:
-    """Where it ended. `multipliers` is opaque and only fed back through `Guess`."""
+    """Where it ended. `multipliers` is opaque and only fed back through `Guess`.
+
+    `solver` is the one that found it: with `structured` it is `ipopt` where that had to go on, and
+    `iterations` are those of both.
+    """
 
     status: Status
     q_rad: Array
@@ -94,3 +101,4 @@ class NlpSolution:
     iterations: int
     max_defect: float
     multipliers: Any
+    solver: str = "ipopt"

@@ -63,13 +63,17 @@ class Families:
 
 @dataclass(frozen=True)
 class MotionProgramme:
-    """A programme with the places of its parameters (`params`) and rows (`rows`)."""
+    """A programme with the places of its parameters (`params`) and rows (`rows`).
+
+    `blocks` are what it was assembled from.
+    """
 
     programme: Programme
     layout: Layout
     params: dict[str, Index]
     rows: dict[str, Index]
     key: tuple[Any, ...]
+    blocks: tuple[Block, ...]
 
     def pack(self, **values: Any) -> np.ndarray:
         """The parameter vector; names that the programme does not carry are left out."""
@@ -170,7 +174,9 @@ class Builder:
         self._torques()
         self._user_rows()
         programme = assemble(self.blocks, self.layout.size, self.rows.size, self.params.size)
-        return MotionProgramme(programme, self.layout, self.params.places, self.rows.places, key)
+        return MotionProgramme(
+            programme, self.layout, self.params.places, self.rows.places, key, tuple(self.blocks)
+        )
 
     def _param(self, *names: str) -> Index:
         """Positions of joint vectors."""

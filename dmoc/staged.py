@@ -210,7 +210,9 @@ class _StagedBuilder(Builder):
         self._torques()
         self._user_rows()
         programme = assemble(self.blocks, self.layout.size, self.rows.size, self.params.size)
-        return MotionProgramme(programme, self.layout, self.params.places, self.rows.places, key)
+        return MotionProgramme(
+            programme, self.layout, self.params.places, self.rows.places, key, tuple(self.blocks)
+        )
 
     def _place_rows(self) -> None:
         """Every family's rows, stage by stage, in the order in which fatrop reads them."""

@@ -1,0 +1,68 @@
+"""How the barrier parameter μ is chosen: by a probing step while that helps, else monotonically.
+
+Source: Nocedal, Wächter and Waltz (2009); the probing rule is Mehrotra's, μ = σ·(mean z·slack) with
+σ = (mean after the affine step / mean now)³.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+__all__ = ["BarrierRule"]
+
+SMALLEST_MU = 1e-11
+_LARGEST_SIGMA = 100.0
+_LARGEST_FACTOR = 1e3
+_MARGIN = 1e-5
+_SOLVED_FACTOR = 10.0
+_LINEAR, _POWER = 0.2, 1.5
+_FIXED_SHARE = 0.8
+
+
+@dataclass
+class BarrierRule:
+    """μ of one solve; `free` while the probing rule holds, `changed` when φ is another function."""
+
+    free: bool = True
+    mu: float = 0.0
+    largest: float = 0.0
+    pairs: list[tuple[float, float]] = field(default_factory=list)
+
+    def choose(
+        self,
+        objective: float,
+        theta: float,
+        mean_product: float,
+        error_at: Callable[[float], float],
+        mean_after: Callable[[], float],
+    ) -> bool:
+        """Set `mu` for the next step; whether it is another one.
+
+        `error_at(μ)` is the error of the barrier problem, `mean_after()` the mean z·slack after the
+        affine step.
+        """
+        if self.largest == 0.0:
+            self.largest = _LARGEST_FACTOR * max(mean_product, SMALLEST_MU)
+        progress = all(objective <= f or theta <= t for f, t in self.pairs)
+        if progress:
+            margin = _MARGIN * min(1.0, theta)
+            self.pairs.append((objective - margin, theta - margin))
+            self.free = True
+        elif self.free:
+            self.fix(mean_product)
+            return True
+        if self.free:
+            sigma = min((mean_after() / mean_product) ** 3, _LARGEST_SIGMA) if mean_product else 1.0
+            self.mu = min(max(sigma * mean_product, SMALLEST_MU), self.largest)
+            return True
+        changed = False
+        while self.mu > SMALLEST_MU and error_at(self.mu) <= _SOLVED_FACTOR * self.mu:
+            self.mu = max(SMALLEST_MU, min(_LINEAR * self.mu, self.mu**_POWER))
+            changed = True
+        return changed
+
+    def fix(self, mean_product: float) -> None:
+        """Leave the probing rule."""
+        self.free = False
+        self.mu = min(max(_FIXED_SHARE * mean_product, SMALLEST_MU), self.largest)

@@ -1,0 +1,112 @@
+"""The Newton system of one programme: memory of its factor, inertia correction, solves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dmoc.arrays import Array
+from dmoc.interior.assembly_kernels import add_limits, place_hessian, place_rows
+from dmoc.interior.frames import Frames, places_of_end
+from dmoc.interior.riccati_kernels import factorise, solve
+
+__all__ = ["NewtonSystem"]
+
+FIRST_SHIFT = 1e-4
+SMALLEST_SHIFT = 1e-20
+LARGEST_SHIFT = 1e20
+FIRST_GROWTH = 100.0
+GROWTH = 8.0
+DECAY = 1.0 / 3.0
+
+
+class NewtonSystem:
+    """Stage blocks and factor for one pattern of free knots, K = `last_free` the last of them."""
+
+    def __init__(self, frames: Frames, last_free: int) -> None:
+        count, n = frames.num_intervals, frames.num_joints
+        state, wide, full = 3 * n + 1, 4 * n + 1, 5 * n + 1
+        many = (count - last_free + 2) * n
+        self.frames = frames
+        self.hess = np.zeros((count, full, full))
+        self.rows = np.zeros((count + 1, n, full))
+        self.shift = 0.0
+        self._place = places_of_end(count, n, last_free)
+        self._factor = (
+            np.zeros((count, n, wide)), np.zeros((count, n, state)), np.zeros((count, n, n)),
+            np.zeros((count, n, wide)), np.zeros((count, n, n)), np.zeros((many, many)),
+            np.zeros(many, dtype=np.int64), np.zeros((many, state)),
+            np.zeros((many, many + state)),
+        )  # fmt: skip
+        self._work = (
+            np.zeros((full, full)), np.zeros((state, state)), np.zeros((state + many,) * 2)
+        )  # fmt: skip
+        self._solve_work = np.zeros((3, count, n)), np.zeros((3, full)), np.zeros((3, many))
+        self._pivot = 0.0
+        self._last_shift = 0.0
+
+    def restart(self) -> None:
+        """Forget the shifts of an earlier problem: no result depends on what came before."""
+        self._last_shift = 0.0
+
+    def set_rows(self, slopes: Array) -> None:
+        """Momentum rows from the flat Jacobian."""
+        momentum = self.frames.momentum
+        place_rows(slopes, momentum.source, momentum.target, self.rows.reshape(-1))
+
+    def set_hessian(self, curves: Array, slopes: Array, weight: Array) -> None:
+        """Stage Hessians with the limit rows condensed, each with its `weight` (L,)."""
+        frames = self.frames
+        place_hessian(curves, frames.hess_at, self.hess.reshape(-1))
+        self._add_limits(slopes, weight)
+
+    def set_identity(self, slopes: Array, weight: Array) -> None:
+        """No curvature but that of the limit rows; the identity comes as the diagonal."""
+        self.hess[:] = 0.0
+        self._add_limits(slopes, weight)
+
+    def _add_limits(self, slopes: Array, weight: Array) -> None:
+        limit = self.frames.limit
+        if len(weight):
+            add_limits(
+                slopes, limit.source, limit.target, self.frames.limit_start,
+                self.frames.limit_stage, weight, self.hess,
+            )  # fmt: skip
+
+    def factorise(self, sigma: Array, fixed: Array) -> bool:
+        """Factor with the smallest of a few shifts for which the inertia is right.
+
+        `sigma` (≥ size,) is added to the diagonal, `fixed` (size,) marks variables without a step.
+        False if the rows are dependent or no shift does.
+        """
+        self._fixed = fixed
+        shift = 0.0
+        while True:
+            self._pivot = factorise(
+                self.hess, self.rows, sigma, shift, fixed, self._place, self.frames.num_joints,
+                *self._factor, *self._work,
+            )  # fmt: skip
+            if self._pivot > 0.0:
+                break
+            if not self._pivot <= 0.0:
+                return False
+            if shift == 0.0:
+                last = self._last_shift
+                shift = FIRST_SHIFT if last == 0.0 else max(SMALLEST_SHIFT, DECAY * last)
+            else:
+                shift *= FIRST_GROWTH if self._last_shift == 0.0 else GROWTH
+            if shift > LARGEST_SHIFT:
+                return False
+        if shift > 0.0:
+            self._last_shift = shift
+        self.shift = shift
+        return True
+
+    def solve(self, gradient: Array, defect: Array) -> tuple[Array, Array]:
+        """x (size,) and multipliers of the momentum rows for a gradient and their defect."""
+        frames = self.frames
+        x, lam = np.empty(frames.size), np.empty((frames.num_intervals + 1, frames.num_joints))
+        solve(
+            self.rows, gradient, defect.reshape(lam.shape), self._pivot, self._fixed, self._place,
+            frames.num_joints, *self._factor, *self._solve_work, x, lam,
+        )  # fmt: skip
+        return x, lam.reshape(-1)
