@@ -159,18 +159,25 @@ def proofs(instances: list) -> list[dict]:
 
 
 def held_karp() -> list[dict]:
-    """The paper's exact algorithm at its limit, M = 20."""
+    """The paper's exact algorithm at its limit, M = 20: the median of three runs.
+
+    The first one pays for memory that the process never had before (its system time).
+    """
     problem = station_like.station_like(20, 1)
     warm = station_like.station_like(6, 1)
     solve(warm, method="held-karp")
-    begin = time.process_time()
-    tour = solve(problem, Stop(iterations=20_000), method="held-karp")
+    used = []
+    for _ in range(3):
+        begin = time.process_time()
+        tour = solve(problem, Stop(iterations=20_000), method="held-karp")
+        used.append(time.process_time() - begin)
     return [
         {
             "group": "held-karp",
             "instance": problem.name,
             "proven": tour.proven,
-            "cpu_s": time.process_time() - begin,
+            "cpu_s": statistics.median(used),
+            "first_cpu_s": used[0],
             "table_gb": held_karp_memory_bytes(problem) / 2**30,
         }
     ]
@@ -225,7 +232,8 @@ def table(result: dict) -> str:
         ]
     for r in result.get("held_karp", []):
         lines.append(
-            f"\nHeld–Karp, {r['instance']}: {r['cpu_s']:.2f} s CPU, {r['table_gb']:.2f} GiB."
+            f"\nHeld–Karp, {r['instance']}: {r['cpu_s']:.2f} s CPU "
+            f"({r['first_cpu_s']:.2f} s the first time), {r['table_gb']:.2f} GiB."
         )
     return "\n".join(lines) + "\n"
 
