@@ -20,9 +20,9 @@ __all__ = ["bezier_of", "certify", "prove_path"]
 MAX_DEPTH = 14
 MAX_FAILURES = 64
 #: The proven clearance is at most this share of the demanded one below the smallest distance,
-LEVEL_TOLERANCE = 0.05
+LEVEL_TOLERANCE = 0.02
 #: or as low as so many halvings of an interval can prove.
-LEVEL_DEPTH = 9
+LEVEL_DEPTH = 11
 
 
 def bezier_of(trajectory: JointTrajectory) -> Array:
@@ -54,7 +54,7 @@ def certify(
 
     The clearance of the world is proven in the same pass as far as the motion keeps it:
     `proven_clearance_m` is what no pair undercuts anywhere (departure exemptions applied), about a
-    twentieth of the clearance below the smallest distance where that is nearer. `min_clearance_m`
+    fiftieth of the clearance below the smallest distance where that is nearer. `min_clearance_m`
     is the smallest distance met (capped) at the knots, at three points between neighbouring ones
     and where the bisection looked.
     """

@@ -15,11 +15,18 @@ from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.params import Method
 from dmoc.status import Status
 from dmoc.trajectory import JointPath, JointTrajectory
+from planning.certificate import LEVEL_TOLERANCE
 from planning.edge_clearance import EdgeClearance
 from planning.roadmap import PathResult, plan_path
 from planning.world import CollisionWorld
 
 __all__ = ["EdgeParams", "plan_motion", "seed_paths"]
+
+#: Half-spaces aim at least so much higher than what is asked, so that it can be proven [m].
+LEAST_SPARE_M = 0.001
+
+#: A further seed must promise to save this share of the cost to be finished.
+WORTH = 1e-3
 
 Quality = Literal["screen", "final"]
 
@@ -61,7 +68,9 @@ def plan_motion(
     little, and planned paths between the ends of the departure lines (`problem.depart_rad[-1]`,
     `problem.arrive_rad[0]`); `method="boxes"` needs collision-free seeds and leaves out the second.
     `quality="screen"` stops at 1 % and takes the first certified motion; `"final"` stops at 0.3 %
-    and takes the cheapest of all seeds (boxes stop at 0.1 % in both). If no refined motion is
+    and takes the cheapest of all seeds that is proven to keep the clearance of `world`, or, where
+    none is, the cheapest certified one (boxes stop at 0.1 % in both). What falls short says so in
+    `note`. If no refined motion is
     certified, the time-scaled path is (`source="fallback"`). `seed` makes it repeatable; `world` is
     the one of `clearance`, and its `clearance_m` is the demanded d_c.
 
@@ -71,7 +80,9 @@ def plan_motion(
     settings = params.refine
     if settings is None:
         settings = RefineParams.screening() if quality == "screen" else RefineParams()
-        settings = settings.replace(clearance_m=world.clearance_m)
+        asked = max(world.clearance_m, clearance.tracking_error_m)
+        spare = max(LEAST_SPARE_M, 2.5 * LEVEL_TOLERANCE * asked)
+        settings = settings.replace(clearance_m=asked, spare_m=spare)
         if method == "boxes":
             # They creep: at 1 % they would stop far from where they lead.
             settings = settings.replace(stop_fraction=1e-3, max_outer=200)
@@ -79,10 +90,11 @@ def plan_motion(
     if blocked is not None:
         return blocked
     free = refine(problem, free_guess, clearance, method="none", params=settings)
-    if free.certified or method == "none":
-        return free
+    keeps = _keeps(free, world.clearance_m)
+    if method == "none" or (free.certified and (keeps or quality == "screen")):
+        return free if keeps or not free.certified else _named_shortfall(free, clearance)
     used = free.iterations
-    best, last, paths = None, free, list[JointPath]()
+    best, last, paths = free if free.certified else None, free, list[JointPath]()
     for start in _starts(problem, clearance, method, seed, params, free, guess):
         if isinstance(start, PathResult):
             if best is None and not paths:
@@ -90,9 +102,12 @@ def plan_motion(
             break
         if isinstance(start, JointPath):
             paths.append(start)
-        last = refine(problem, start, clearance, method=method, params=settings, fallback=False)
+        last = refine(
+            problem, start, clearance, method=method, params=settings, fallback=False,
+            worth=_to_beat(best, world),
+        )  # fmt: skip
         used += last.iterations
-        if last.certified and (best is None or last.cost < best.cost):
+        if last.certified and (best is None or _rank(last, world) < _rank(best, world)):
             best = last
         if best is not None and quality == "screen":
             break
@@ -100,7 +115,47 @@ def plan_motion(
         best = fallback_motion(problem, path, clearance, note=last.note)
         if best is not None:
             break
-    return (best or last).replace(iterations=used)
+    if best is None:
+        return last.replace(iterations=used)
+    keeps = _keeps(best, world.clearance_m)
+    return (best if keeps else _named_shortfall(best, clearance)).replace(iterations=used)
+
+
+def _keeps(motion: Motion, asked_m: float) -> bool:
+    """Whether a certified motion is proven to keep the clearance that was asked for."""
+    proven = motion.proven_clearance_m
+    return bool(motion.certified) and proven is not None and proven >= asked_m * (1.0 - 1e-9)
+
+
+def _rank(motion: Motion, world: CollisionWorld) -> tuple[bool, float]:
+    """What makes one certified motion better than another: the clearance, then the cost."""
+    return not _keeps(motion, world.clearance_m), motion.cost
+
+
+def _to_beat(best: Motion | None, world: CollisionWorld) -> float:
+    """What another motion may cost to be worth its last solve."""
+    if best is None or not _keeps(best, world.clearance_m):
+        return float("inf")
+    return (1.0 - WORTH) * best.cost
+
+
+def _named_shortfall(motion: Motion, clearance: EdgeClearance) -> Motion:
+    """`motion` with a note on how much of the asked clearance is proven, and what is nearest."""
+    trajectory, proven = motion.trajectory, motion.proven_clearance_m
+    assert trajectory is not None
+    assert proven is not None
+    times = np.linspace(trajectory.t_s[0], trajectory.t_s[-1], 32 * trajectory.num_intervals)
+    q = trajectory.sample(times).q_rad
+    phi = clearance.phi(q)
+    nearest = int(phi.argmin())
+    pair = clearance.collide(q[nearest], float(phi[nearest]) + 1e-6)
+    note = (
+        f"proven to keep {1e3 * proven:.1f} mm of the {1e3 * clearance.world.clearance_m:g} mm "
+        f"asked for"
+    )
+    if pair is not None:
+        note += f": {pair[0]} - {pair[1]} at {times[nearest]:.2f} s"
+    return motion.replace(note="; ".join(part for part in (motion.note, note) if part))
 
 
 def _starts(

@@ -45,6 +45,7 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> dict[str, Any]:
         "unreachable": [{"stud": stud, "reason": reason} for stud, reason in cycle.unreachable],
         "duration_s": cycle.duration_s,
         "certified": cycle.certified,
+        "clearance_m": station.clearance_m,
         "fallbacks": cycle.fallbacks,
         "search": search_entry(cycle.search),
         "tour": {

@@ -21,9 +21,10 @@ from dmoc.refinement.iterate import (
     iterate_from_trajectory,
 )
 from dmoc.refinement.params import Method, RefineParams, Trace
-from dmoc.refinement.points import View, look, points_of, required_clearance
+from dmoc.refinement.points import View, look, points_of
 from dmoc.refinement.repair import repaired_stage, restart
-from dmoc.refinement.steps import Stage, take_step
+from dmoc.refinement.steps import Stage, Step, demanded, take_step
+from dmoc.refinement.watch import watching
 from dmoc.status import Status
 from dmoc.trajectory import JointPath, JointTrajectory
 
@@ -31,6 +32,8 @@ __all__ = ["refine"]
 
 _NO_RISE_M = 1e-3
 _MOST_PUSHES = 8
+# So much of the spare clearance may be used up before a motion counts as too near.
+_SPENT = 0.5
 
 
 def refine(
@@ -42,6 +45,7 @@ def refine(
     params: RefineParams | None = None,
     trace: Trace | None = None,
     fallback: bool = True,
+    worth: float = float("inf"),
 ) -> Motion:
     """Turn a path into a locally optimal motion that is proven free between its knots.
 
@@ -52,6 +56,8 @@ def refine(
     `trace` is called after every solve.
 
     Returns a `Motion`: `certified` says what `clearance.certify` said of exactly this trajectory.
+    Where the outer iterations end dearer than `worth` the last solve and the certificate are left
+    out and the motion is not certified.
     Without a certificate the time-scaled `JointPath`, if that is certified, is returned as
     `source="fallback"` (unless `fallback` is false); else the status is `uncertified` and `note`
     names interval and pair.
@@ -73,7 +79,7 @@ def refine(
     if method == "none" or fixed_knots(problem).all():
         motion = _unconstrained(problem, first, clearance, params)
     else:
-        motion = _Loop(problem, clearance, method, params, trace).run(first)
+        motion = _Loop(problem, clearance, method, params, trace, worth).run(first)
     wanted = fallback and method != "none" and isinstance(path, JointPath)
     if wanted and not motion.certified:
         assert isinstance(path, JointPath)
@@ -107,14 +113,16 @@ class _Loop:
     method: Method
     params: RefineParams
     trace: Trace | None
+    worth: float
 
     def run(self, first: Iterate) -> Motion:
         params = self.params
         points = points_of(self.problem, params.fractions)
-        required = required_clearance(self.clearance, self.problem, points, params.clearance_m)
         stage = Stage(
-            self.problem, self.clearance, self.method, params, points, required, 0, self.trace
-        )
+            self.problem, self.clearance, self.method, params, points,
+            np.zeros(self.problem.num_intervals), points, np.zeros(0), 0, self.trace,
+        )  # fmt: skip
+        stage = replace(stage, required_m=demanded(stage, points))
         start_trust = 1.0 if self.method == "boxes" else params.trust_rad
         trust = np.full(self.problem.num_intervals + 1, start_trust)
         iterate, view = first, look(self.clearance, first, points, params.cap_m)
@@ -123,16 +131,20 @@ class _Loop:
             iterate, view, used = self._freed(stage, iterate, view)
         history, outer = [iterate], 0
         while True:
-            iterate, view, trust, outer, spent, solution = self._descend(
+            stage, iterate, view, trust, outer, spent, solution = self._descend(
                 stage, iterate, view, trust, outer, history
             )
             used += spent
+            if solution is not None and iterate.cost > self.worth:
+                dear = _motion(self.problem, solution, None, used)
+                return dear.replace(note="dearer than a motion that is known")
             last = None
             if solution is None or self._wants_tight(solution):
-                last = take_step(stage, iterate, view, trust, outer, params.tight)
-                used += last.solver_iterations
+                stage, last, spent = self._settled(stage, iterate, view, trust, outer)
+                used += spent
                 if last.accepted:
-                    iterate, view, solution = last.iterate, last.view, last.solution
+                    iterate, view, trust = last.iterate, last.view, last.trust_rad
+                    solution = last.solution
             certificate = None
             if solution is None:
                 assert last is not None
@@ -157,12 +169,12 @@ class _Loop:
         trust: Array,
         outer: int,
         history: list[Iterate],
-    ) -> tuple[Iterate, View, Array, int, int, NlpSolution | None]:
+    ) -> tuple[Stage, Iterate, View, Array, int, int, NlpSolution | None]:
         """Outer iterations until J stands still, the trust region is gone, or the limit.
 
         The solution is that of the iterate, None if no step was accepted.
         """
-        params, used, idle = self.params, 0, 0
+        params, used, idle, more = self.params, 0, 0, 0
         solution = None
         limit = outer + (params.max_outer_repair if stage.repair else params.max_outer)
         while outer < limit:
@@ -176,7 +188,7 @@ class _Loop:
                     break
                 continue
             idle = 0
-            change = abs(iterate.cost - step.iterate.cost)
+            change, before = abs(iterate.cost - step.iterate.cost), iterate
             dearer = step.iterate.cost > iterate.cost
             deepest = float(np.min(view.phi_m - stage.required_m, initial=0.0))
             iterate, view, solution = step.iterate, step.view, step.solution
@@ -187,9 +199,47 @@ class _Loop:
                 # Neither cheaper nor freer: the linearisation reaches too far.
                 trust = trust * params.shrink_dearer
             still = change <= params.stop_fraction * abs(iterate.cost)
+            stage, view = watching(stage, iterate, view)
             if still and not (below_floor and risen > 0.1 * params.floor_m):
+                if more == params.max_outer_short or not self._is_short(stage, view):
+                    break
+                more += 1
+                trust = self._within_step(trust, before, iterate)
+        return stage, iterate, view, trust, outer, used, solution
+
+    def _settled(
+        self, stage: Stage, iterate: Iterate, view: View, trust: Array, outer: int
+    ) -> tuple[Stage, Step, int]:
+        """The last tight step, and more while one falls short of what was asked; their iterations.
+
+        Such a step is the last that was accepted, or the first.
+        """
+        step = take_step(stage, iterate, view, trust, outer, self.params.tight)
+        used = step.solver_iterations
+        for _ in range(self.params.max_outer_short):
+            watched, view = watching(stage, step.iterate, step.view)
+            if not step.accepted or not self._is_short(watched, view):
                 break
-        return iterate, view, trust, outer, used, solution
+            trust = self._within_step(step.trust_rad, iterate, step.iterate)
+            more = take_step(watched, step.iterate, view, trust, outer, self.params.tight)
+            used += more.solver_iterations
+            if not more.accepted:
+                break
+            stage, iterate, step = watched, step.iterate, more
+        return stage, step, used
+
+    def _within_step(self, trust: Array, before: Iterate, after: Iterate) -> Array:
+        """A trust region smaller than the last step: where a motion slides along a body and only
+        misses the demand by the curvature of the distance, steps that size miss it again.
+        """
+        step = float(np.max(np.abs(after.q_rad - before.q_rad)))
+        return np.minimum(trust, self.params.shrink * step)
+
+    def _is_short(self, stage: Stage, view: View) -> bool:
+        """Whether half-spaces keep less than was asked and a share of what is aimed for above."""
+        if self.method != "halfspaces":
+            return False
+        return bool(np.any(view.phi_m < stage.required_m - _SPENT * self.params.spare_m))
 
     def _freed(self, stage: Stage, iterate: Iterate, view: View) -> tuple[Iterate, View, int]:
         """A seed that is free at all watched points, for boxes, which cannot leave a violation.

@@ -18,13 +18,15 @@ Method = Literal["halfspaces", "boxes", "none"]
 class RefineParams:
     """Settings of `refine`.
 
-    Clearance: `clearance_m` is the paper's d_c, wanted at every checked point; an iterate is
-    accepted from `floor_m` on; pairs further than `cap_m` are not looked at; `push_out_m` is the
-    most that one outer iteration may demand from a point that violates.
+    Clearance: `clearance_m` is the paper's d_c, wanted at every checked point; half-spaces aim
+    `spare_m` higher, so that the certificate can prove d_c; an iterate is accepted from `floor_m`
+    on; pairs further than `cap_m` are not looked at; `push_out_m` is the most that one outer
+    iteration may demand from a point that violates.
     Points: `fractions` λ of every interval are checked (only 0 is the paper's knot-only form);
     `rows_per_point` half-spaces are kept at each, three times as many after a violation.
     Outer iterations: at most `max_outer` (`max_outer_repair` after a repair), until J changes by
-    less than `stop_fraction`; trust region `trust_rad` per knot, times `trust_growth` on
+    less than `stop_fraction`, and then at most `max_outer_short` more while half-spaces still fall
+    short of d_c and come nearer to it; trust region `trust_rad` per knot, times `trust_growth` on
     acceptance, at most `trust_most_rad`; after a step that is neither cheaper nor freer, times
     `shrink_dearer`.
     On a violation the offending knots shrink to `shrink` times their step (neighbours to
@@ -37,6 +39,7 @@ class RefineParams:
     """
 
     clearance_m: float = 0.02
+    spare_m: float = 0.001
     floor_m: float = 0.002
     cap_m: float = 0.2
     push_out_m: float = 0.03
@@ -44,6 +47,7 @@ class RefineParams:
     rows_per_point: int = 4
     max_outer: int = 40
     max_outer_repair: int = 12
+    max_outer_short: int = 3
     stop_fraction: float = 0.003
     trust_rad: float = 0.3
     trust_growth: float = 1.6
@@ -72,7 +76,8 @@ class RefineParams:
     @classmethod
     def screening(cls, **changes: Any) -> RefineParams:
         """Settings that stop at 1 %, for edges that only have to be ranked."""
-        return replace(cls(stop_fraction=0.01, always_tight=False), **changes)
+        settings = cls(stop_fraction=0.01, always_tight=False, max_outer_short=0)
+        return replace(settings, **changes)
 
     @classmethod
     def paper(cls, **changes: Any) -> RefineParams:

@@ -12,7 +12,7 @@ from dmoc.clearance import Clearance, Rows
 from dmoc.motion import MotionProblem
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 
-__all__ = ["View", "knots_of", "look", "points_of", "required_clearance"]
+__all__ = ["View", "joined", "knots_of", "look", "points_of", "required_clearance"]
 
 # Share of a fixed end's clearance that the points beside it must keep.
 _END_SHARE = 0.9
@@ -26,6 +26,30 @@ class View:
     chord_rad: Array
     phi_m: Array
     rows: Rows
+
+    def first(self, count: int) -> View:
+        """The view of the first `count` points."""
+        keep = np.flatnonzero(self.rows.knot < count)
+        return View(
+            self.q_rad[:count], self.chord_rad[:count], self.phi_m[:count],
+            Rows(self.rows.knot[keep], self.rows.distance_m[keep], self.rows.gradient[keep],
+                 tuple(self.rows.pair[k] for k in keep)),
+        )  # fmt: skip
+
+
+def joined(view: View, other: View) -> View:
+    """The view of the points of both, those of `view` first."""
+    a, b = view.rows, other.rows
+    return View(
+        np.concatenate([view.q_rad, other.q_rad]),
+        np.concatenate([view.chord_rad, other.chord_rad]),
+        np.concatenate([view.phi_m, other.phi_m]),
+        Rows(
+            np.concatenate([a.knot, b.knot + len(view.phi_m)]),
+            np.concatenate([a.distance_m, b.distance_m]),
+            np.concatenate([a.gradient, b.gradient]), a.pair + b.pair,
+        ),
+    )  # fmt: skip
 
 
 def points_of(problem: MotionProblem, fractions: tuple[float, ...]) -> Points:
@@ -48,22 +72,28 @@ def look(clearance: Clearance, iterate: Iterate, points: Points, cap_m: float) -
 
 
 def required_clearance(
-    clearance: Clearance, problem: MotionProblem, points: Points, clearance_m: float
+    clearance: Clearance,
+    problem: MotionProblem,
+    points: Points,
+    clearance_m: float,
+    spare_m: float = 0.0,
 ) -> Array:
-    """d_c at every point (P,), less beside a fixed knot that is itself nearer than d_c.
+    """d_c and `spare_m` at every point (P,), less beside a fixed knot that is itself nearer.
 
     In the interval between a fixed knot of distance φ_f and a free one, the demand rises linearly
-    from 0.9 φ_f to d_c.
+    to that, from φ_f if the knot keeps d_c, from 0.9 φ_f if it does not.
     """
     fixed = fixed_knots(problem)
-    required = np.full(len(points.interval), clearance_m)
+    aimed = clearance_m + spare_m
+    required = np.full(len(points.interval), aimed)
     first = int(np.flatnonzero(fixed[:-1] & ~fixed[1:])[0]) if (~fixed).any() else 0
     last = int(np.flatnonzero(~fixed[:-1] & fixed[1:])[0]) + 1 if (~fixed).any() else 0
     ends = np.vstack([_fixed_knot(problem, first), _fixed_knot(problem, last)])
     for phi, beside, away in zip(
         clearance.phi(ends), (first, last - 1), (points.fraction, 1 - points.fraction)
     ):
-        ramp = np.minimum(clearance_m, _END_SHARE * phi + away * clearance_m)
+        level = phi if phi >= clearance_m else _END_SHARE * phi
+        ramp = np.minimum(aimed, level + away * clearance_m)
         required = np.where(points.interval == beside, np.minimum(required, ramp), required)
     return required
 

@@ -9,8 +9,8 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.clearance import Certificate
 from dmoc.refinement.iterate import Iterate, fixed_knots
-from dmoc.refinement.points import look, required_clearance
-from dmoc.refinement.steps import Stage
+from dmoc.refinement.points import look
+from dmoc.refinement.steps import Stage, demanded
 
 __all__ = ["repaired_stage", "restart"]
 
@@ -37,12 +37,11 @@ def repaired_stage(stage: Stage, certificate: Certificate | None) -> Stage | Non
     if not places:
         return None
     intervals = np.array(list(places))
-    points = stage.points.with_extra(intervals, [fraction for _, fraction in places.values()])
-    known = len(stage.points.interval)
-    required = required_clearance(stage.clearance, stage.problem, points, stage.params.clearance_m)
-    required[:known] = stage.required_m
-    required[np.isin(points.interval, intervals)] += stage.params.repair_margin_m
-    return replace(stage, points=points, required_m=required, repair=repair)
+    points = stage.base.with_extra(intervals, [fraction for _, fraction in places.values()])
+    margin = stage.margin_m.copy()
+    margin[intervals] += stage.params.repair_margin_m
+    stage = replace(stage, base=points, margin_m=margin, points=points, repair=repair)
+    return replace(stage, required_m=demanded(stage, points))
 
 
 def restart(
@@ -55,7 +54,7 @@ def restart(
     and takes smaller steps at the knots beside the new places.
     """
     params = stage.params
-    added = stage.points.interval[len(before.points.interval) :]
+    added = stage.base.interval[len(before.base.interval) :]
     if stage.method == "halfspaces":
         seen = look(stage.clearance, iterate, stage.points, params.cap_m)
         if seen.phi_m.min(initial=1.0) > -_SHALLOW_M:

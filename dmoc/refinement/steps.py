@@ -16,9 +16,9 @@ from dmoc.refinement.boxes import box_half_widths, kept_level
 from dmoc.refinement.halfspaces import half_spaces
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 from dmoc.refinement.params import Method, RefineParams, RefineRecord, Trace
-from dmoc.refinement.points import View, knots_of, look
+from dmoc.refinement.points import View, knots_of, look, required_clearance
 
-__all__ = ["Stage", "Step", "take_step"]
+__all__ = ["Stage", "Step", "demanded", "take_step"]
 
 # An iterate that violates may come back this much nearer without being called worse.
 _SAME_M = 1e-4
@@ -31,16 +31,31 @@ _MOST_FAILURES = 2
 
 @dataclass(frozen=True)
 class Stage:
-    """What stays the same over the outer iterations between two repairs."""
+    """What stays the same over the outer iterations between two repairs.
+
+    `base` are the points that are always checked, `margin_m` (N,) what a repair demands more in
+    each interval; `points` (P,) and `required_m` (P,) are the base and what is watched besides.
+    """
 
     problem: MotionProblem
     clearance: Clearance
     method: Method
     params: RefineParams
+    base: Points
+    margin_m: Array
     points: Points
     required_m: Array
     repair: int = 0
     trace: Trace | None = None
+
+
+def demanded(stage: Stage, points: Points) -> Array:
+    """What `stage` demands at any points (P,) [m]. Boxes know no spare: they are as published."""
+    spare = stage.params.spare_m if stage.method == "halfspaces" else 0.0
+    required = required_clearance(
+        stage.clearance, stage.problem, points, stage.params.clearance_m, spare
+    )
+    return np.asarray(required + stage.margin_m[points.interval])
 
 
 @dataclass(frozen=True)

@@ -60,9 +60,27 @@ def headline(result: Result) -> str:
             f"{number(polish['cost_before'])} → {number(polish['cost_after'])}, "
             f"{number(polish['saving_percent'], 2)} % more. The gaps speak of the cycle before."
         )
+    text += shortfalls(result)
     for entry in result["unreachable"]:
         text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
     return text
+
+
+def shortfalls(result: Result) -> str:
+    """Which motions are not proven to keep the station's clearance; nothing where all do."""
+    asked = result.get("clearance_m") or 0.0  # runs of before do not say
+    short = [
+        f"{m['key']} {number(_millimetres(proven))} mm"
+        for m in result["motions"]
+        if (proven := m.get("proven_clearance_m")) is not None and proven < asked * (1 - 1e-9)
+    ]
+    if not short:
+        return ""
+    return (
+        f"\n\n**Warning: {len(short)} motions keep less than the {1e3 * asked:g} mm that the "
+        f"station asks for** (proven: {', '.join(short)}). They are certified free of contact; "
+        "their `note` in result.json names what is nearest."
+    )
 
 
 def gaps(search: Mapping[str, Any]) -> str:

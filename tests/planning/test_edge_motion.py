@@ -20,6 +20,7 @@ from planning.departure import (
 )
 from planning.departure_line import line_stray_m
 from planning.edge_motion import EdgeParams, plan_motion
+from planning.world import world_for
 
 
 @pytest.fixture(scope="module")
@@ -210,3 +211,34 @@ def test_no_path_is_a_status(cell, hard):
     if motion.status is Status.NO_PATH:
         assert motion.trajectory is None
         assert "attempts" in motion.note
+
+
+def test_a_final_motion_is_proven_to_keep_what_the_station_asks(cell, hard):
+    """Between the knots as well; the judge samples a millisecond grid with another engine."""
+    station, world, _ = cell
+    for start, goal, _ in hard[:2]:
+        problem, clearance, lines = edge(cell, start, goal)
+        motion = plan_motion(problem, clearance, world, seed=1, quality="final")
+        assert motion.proven_clearance_m == pytest.approx(station.clearance_m, abs=1e-9)
+        assert motion.note == ""
+        assert second_opinion(cell, motion, lines) > station.clearance_m - 1e-5
+        loose = plan_motion(problem, clearance, world, seed=1)
+        assert motion.cost == pytest.approx(loose.cost, rel=0.02)
+
+
+def test_a_motion_that_cannot_keep_the_clearance_says_so(cell, hard):
+    """Its ends are nearer than what is asked: certified, but with a note that names the pair."""
+    station = cell[0]
+    start, goal, _ = hard[0]
+    wide = world_for(
+        station.robot, station.tool_bodies, station.obstacles, station.allowed_collisions, 0.2
+    )
+    problem, _, lines = edge(cell, start, goal)
+    clearance = wide.clearance(*lines)
+    motion = plan_motion(problem, clearance, wide, seed=1, params=EdgeParams(num_paths=1))
+    assert motion.certified
+    assert 0.002 <= motion.proven_clearance_m < 0.2
+    assert f"keep {1e3 * motion.proven_clearance_m:.1f} mm of the 200 mm asked for" in motion.note
+    nearest = second_opinion(cell, motion, lines)
+    assert nearest < 0.2
+    assert motion.proven_clearance_m <= nearest + 1e-5

@@ -72,6 +72,19 @@ def test_an_unproven_bound_is_not_called_proven(cycle):
     assert "(not proven)" in tables_markdown(result)
 
 
+def test_motions_below_the_demanded_clearance_are_named_and_others_are_not(cycle):
+    result = json.loads(json.dumps(result_of(cycle, {})))
+    assert result["clearance_m"] == cycle.station.clearance_m
+    for entry in result["motions"]:
+        entry["proven_clearance_m"] = result["clearance_m"]
+    assert "Warning" not in tables_markdown(result)
+    result["motions"][1]["proven_clearance_m"] = 0.0073
+    text = tables_markdown(result)
+    assert "1 motions keep less than the" in text
+    assert f"{result['motions'][1]['key']} 7.3 mm" in text
+    assert f"{result['motions'][0]['key']} " not in text.split("(proven:")[1].split(")")[0]
+
+
 def test_every_row_of_a_table_has_all_columns(cycle):
     for block in tables_markdown(result_of(cycle, {})).split("\n\n"):
         if block.startswith("|"):

@@ -1,0 +1,100 @@
+"""Where the curve comes nearest between the checked points: these places are watched as well.
+
+A corner that passes between two checked points is nearer than at either; the points of an interval
+alone would leave the motion millimetres short of what was asked. Places are searched anew after
+every step, so that they move with the curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from dmoc.arrays import Array
+from dmoc.clearance import Clearance, Rows
+from dmoc.refinement.iterate import Iterate, Points
+from dmoc.refinement.points import View, joined, look
+from dmoc.refinement.steps import Stage, demanded
+
+__all__ = ["nearest_places", "watching"]
+
+# Only what comes nearer than the demand and this much is of interest [m].
+_NEAR_M = 0.005
+# Between a checked point and the next one: so many places are predicted, and around the nearest of
+# them so many more looked at on either side.
+_PLACES, _FINER = 8, 4
+# Nearer than this share of an interval to a checked point is that point.
+_SAME = 1.0 / 256
+
+
+def watching(stage: Stage, iterate: Iterate, view: View) -> tuple[Stage, View]:
+    """`stage` with the places of `iterate` that come nearest, in place of those of before.
+
+    `view` is that of `iterate` at the points of `stage`; returned is the one at the new points.
+    """
+    if stage.method != "halfspaces":
+        return stage, view
+    known = view.first(len(stage.base.interval))
+    cap = stage.params.clearance_m + stage.params.spare_m + _NEAR_M
+    spacing = 1.0 / len(stage.params.fractions)
+    extra = nearest_places(stage.clearance, iterate, stage.base, known, cap, spacing)
+    points = stage.base.with_extra(extra.interval, extra.fraction)
+    seen = look(stage.clearance, iterate, extra, stage.params.cap_m)
+    return replace(stage, points=points, required_m=demanded(stage, points)), joined(known, seen)
+
+
+def nearest_places(
+    clearance: Clearance,
+    iterate: Iterate,
+    points: Points,
+    view: View,
+    cap_m: float,
+    spacing: float,
+) -> Points:
+    """Where body pairs are nearest along the curve and nearer than `cap_m`, away from `points`.
+
+    `view` is that of the points, which lie `spacing` intervals apart. Its gradients predict what
+    comes near between them (distances of convex bodies under translation lie above the tangent);
+    places predicted to be near are measured, and the smallest of every pair again more finely.
+    """
+    at = points.interval + points.fraction
+    if not len(at):
+        return points
+    cell = spacing / _PLACES
+    # A place before the first or after the last interval is none of this motion's.
+    ends = float(points.interval[0]), float(np.nextafter(points.interval[-1] + 1.0, 0.0))
+    places = np.clip(at[:, None] + cell * np.arange(-_PLACES, _PLACES + 1), *ends)
+    moved = iterate.curve(_points(places.ravel())).reshape(*places.shape, -1)
+    rows = view.rows
+    moved = (moved - view.q_rad[:, None])[rows.knot]
+    predicted = rows.distance_m[:, None] + np.einsum("rn,rsn->rs", rows.gradient, moved)
+    near = np.unique(np.round(places[rows.knot][predicted < cap_m] / cell)) * cell
+    near = np.clip(near, *ends)
+    least = _smallest_of_pairs(clearance.rows(iterate.curve(_points(near)), cap_m), near, cell)
+    finer = cell / _FINER * np.arange(-_FINER + 1, _FINER)
+    tried = np.clip(least[:, None] + finer, *ends)
+    phi = clearance.phi(iterate.curve(_points(tried.ravel()))).reshape(tried.shape)
+    found = np.unique(tried[np.arange(len(least)), phi.argmin(axis=1)])
+    return _points(found[np.abs(found[:, None] - at).min(axis=1, initial=np.inf) > _SAME])
+
+
+def _smallest_of_pairs(rows: Rows, at: Array, cell: float) -> Array:
+    """Of every body pair the places whose neighbours, one cell away, are not nearer."""
+    number = {pair: k for k, pair in enumerate(dict.fromkeys(rows.pair))}
+    pair: npt.NDArray[np.int64] = np.array([number[name] for name in rows.pair], dtype=np.int64)
+    key = pair * len(at) + rows.knot
+    kept, inverse = np.unique(key, return_inverse=True)
+    distance = np.full(len(kept), np.inf)
+    np.minimum.at(distance, inverse, rows.distance_m)
+    pair, place = np.divmod(kept, max(len(at), 1))
+    beside = (pair[1:] == pair[:-1]) & (at[place[1:]] - at[place[:-1]] < 1.5 * cell)
+    before = np.where(np.append(False, beside), np.append(np.inf, distance[:-1]), np.inf)
+    after = np.where(np.append(beside, False), np.append(distance[1:], np.inf), np.inf)
+    return np.asarray(at[place[(distance < before) & (distance <= after)]])
+
+
+def _points(at: Array) -> Points:
+    interval = np.floor(at).astype(np.int64)
+    return Points(interval, at - interval)
