@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dmoc.interior.jit import kernel
 
-__all__ = ["add_limits", "place_hessian", "place_rows"]
+__all__ = ["add_limits", "momentum_pull", "place_hessian", "place_rows"]
 
 
 @kernel
@@ -28,12 +28,49 @@ def place_rows(slopes, source, target, rows):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def add_limits(slopes, source, place, start, stage, weight, hess):  # type: ignore[no-untyped-def]
-    """Add Σ weight·aaᵀ of the limit rows a to the blocks `hess` (N, F, F) of their stages."""
+def add_limits(  # type: ignore[no-untyped-def]
+    slopes, source, place, start, stage, weight, dense, hess
+):
+    """Add Σ weight·aaᵀ of the limit rows a to the blocks `hess` (N, F, F) of their stages.
+
+    `dense` (F,) is workspace, all zero before and after.
+    """
     for i in range(stage.shape[0]):
         if weight[i] > 0.0:
             k = stage[i]
             for p in range(start[i], start[i + 1]):
-                factor = weight[i] * slopes[source[p]]
-                for q in range(start[i], start[i + 1]):
-                    hess[k, place[p], place[q]] += factor * slopes[source[q]]
+                dense[place[p]] = slopes[source[p]]
+            for p in range(start[i], start[i + 1]):
+                row, factor = place[p], weight[i] * slopes[source[p]]
+                for j in range(dense.shape[0]):
+                    hess[k, row, j] += factor * dense[j]
+            for p in range(start[i], start[i + 1]):
+                dense[place[p]] = 0.0
+
+
+@kernel
+def momentum_pull(rows, y, n, frame, pull):  # type: ignore[no-untyped-def]
+    """Jᵀy (size,) of the momentum rows, from their blocks `rows` (N+1, n, F); `frame` (F,)."""
+    count, size_f = rows.shape[0] - 1, rows.shape[2]
+    state, step = 3 * n + 1, (2 * count + 1) * n
+    for i in range(pull.shape[0]):
+        pull[i] = 0.0
+    for k in range(count + 1):
+        for j in range(size_f):
+            frame[j] = 0.0
+        for i in range(n):
+            factor = y[k * n + i]
+            for j in range(size_f):
+                frame[j] += factor * rows[k, i, j]
+        at = 2 * n * k
+        for i in range(n):
+            pull[at + i] += frame[n + i]
+        if k > 0:
+            for i in range(n):
+                pull[at - 2 * n + i] += frame[i]
+                pull[at - n + i] += frame[2 * n + i]
+        if k < count:
+            for i in range(n):
+                pull[at + 2 * n + i] += frame[state + i]
+                pull[at + n + i] += frame[state + n + i]
+        pull[step] += frame[3 * n]

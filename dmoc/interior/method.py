@@ -94,6 +94,7 @@ class _Trial:
     defect: Array
     objective: float
     worst: float
+    logs: float
     merit: Merit
     with_slopes: bool
 
@@ -144,7 +145,8 @@ class _Run:
         self.w[size:] = defect[equal:]  # of slacks that are 0
         # Far inside also when warm: a family of rows may have joined since, and be violated.
         kernels.push_inside(self.w[size:], self.lo[size:], self.up[size:], _PUSH, _SHARE)
-        objective, theta, worst, defect = self._evaluate(self.w, with_slopes=False)
+        objective, theta, worst, defect = self._gather(self.w)
+        logs = kernels.log_slacks(self.w, self.lo, self.up)
         below, above = self.lo > -np.inf, self.up < np.inf
         if start.bounds is not None and start.rows is not None:
             given = np.concatenate([start.bounds, start.rows[equal:]])
@@ -154,7 +156,8 @@ class _Run:
             self.y[equal:][~(below | above)[size:]] = 0.0
         else:
             self.z_lo[below], self.z_up[above] = 1.0, 1.0
-        self._move_to(_Trial(self.w, defect, objective, worst, Merit(theta, objective), True))
+        merit = Merit(theta, objective)
+        self._move_to(_Trial(self.w, defect, objective, worst, logs, merit, True))
         if not warm:
             self._least_squares()
 
@@ -164,7 +167,6 @@ class _Run:
         self.sigma[:] = (self.lo > -np.inf) | (self.up < np.inf)
         self.sigma[:size] = 1.0
         self.inwards[:] = self.z_up - self.z_lo
-        self.system.set_rows(self.slopes)
         self.system.set_identity(self.slopes, self.sigma[size:])
         if self.system.factorise(self.sigma, self.fixed):
             step = self._step(1.0, np.zeros(len(self.y)))
@@ -203,7 +205,6 @@ class _Run:
         oracle, size = self.oracle, self.size
         oracle.hessian(self.w[:size], self.y)
         kernels.centring(self.w, self.lo, self.up, self.z_lo, self.z_up, self.sigma, self.inwards)
-        self.system.set_rows(self.slopes)
         self.system.set_hessian(oracle.curves, self.slopes, self.sigma[size:])
         if not self.system.factorise(self.sigma, self.fixed):
             return False
@@ -234,9 +235,8 @@ class _Run:
         mu = self.rule.mu
         tau = max(_LEAST_TAU, 1.0 - (error if self.rule.free else mu))
         step = self._step(mu, self.defect)
-        logs, rate = kernels.barrier(self.w, step.w, self.lo, self.up, self.inwards)
-        rate = float(self.grad @ step.w[: self.size]) + mu * rate
-        start = Merit(self.theta, self.objective - mu * logs, rate)
+        rate = float(self.grad @ step.w[: self.size] + mu * (self.inwards @ step.w))
+        start = Merit(self.theta, self.objective - mu * self.logs, rate)
         alpha = kernels.bound_step(self.w, step.w, self.lo, self.up, tau)
         shortest = min(self.filter.shortest_step(start), alpha)
         first = True
@@ -271,8 +271,9 @@ class _Run:
     def _try(self, step: _Step, alpha: float, mu: float, with_slopes: bool) -> _Trial:
         w = self.w + alpha * step.w
         objective, theta, worst, defect = self._evaluate(w, with_slopes)
-        logs, _ = kernels.barrier(w, step.w, self.lo, self.up, self.inwards)
-        return _Trial(w, defect, objective, worst, Merit(theta, objective - mu * logs), with_slopes)
+        logs = kernels.log_slacks(w, self.lo, self.up)
+        merit = Merit(theta, objective - mu * logs)
+        return _Trial(w, defect, objective, worst, logs, merit, with_slopes)
 
     def _accept(
         self, start: Merit, trial: _Trial, step: _Step, alpha: float, tau: float, mu: float
@@ -289,23 +290,27 @@ class _Run:
         if not trial.with_slopes:
             self.oracle.jacobian(trial.w[: self.size])
         self.slopes[:] = self.oracle.slopes
+        self.system.set_rows(self.slopes)
         self.w, self.defect, self.objective = trial.w, trial.defect, trial.objective
-        self.theta, self.worst = trial.merit.theta, trial.worst
+        self.theta, self.worst, self.logs = trial.merit.theta, trial.worst, trial.logs
         self._update()
 
     def _update(self) -> None:
         """Gradients at the present point and multipliers."""
-        frames = self.frames
-        cost, momentum, limit = frames.objective, frames.momentum, frames.limit
+        cost, limit = self.frames.objective, self.frames.limit
+        self.system.pull(self.y[: self.equal], self.pull)
         kernels.gradients(
-            self.slopes, self.y, cost.source, cost.column, momentum.source, momentum.row,
-            momentum.column, limit.source, limit.row, limit.column, self.grad, self.pull,
+            self.slopes, self.y, cost.source, cost.column, limit.source, limit.row, limit.column,
+            self.grad, self.pull,
         )  # fmt: skip
 
     def _evaluate(self, w: Array, with_slopes: bool) -> tuple[float, float, float, Array]:
-        """Objective, Σ|defect|, largest |defect| and the defect."""
         x = w[: self.size]
         self.oracle.jacobian(x) if with_slopes else self.oracle.rows(x)
+        return self._gather(w)
+
+    def _gather(self, w: Array) -> tuple[float, float, float, Array]:
+        """Objective, Σ|defect|, largest |defect| and the defect, from the oracle's values."""
         defect = np.empty(len(self.y))
         objective, theta, worst = kernels.gather_rows(
             self.oracle.values, self.frames.rows, self.target, w, self.lo, self.up, self.size,

@@ -13,13 +13,13 @@ import numpy as np
 from dmoc.interior.jit import kernel
 
 __all__ = [
-    "barrier",
     "bound_step",
     "centring",
     "complete",
     "gather_rows",
     "gradients",
     "keep_near",
+    "log_slacks",
     "mean_product_after",
     "measure",
     "multiplier_step",
@@ -61,19 +61,15 @@ def gather_rows(values, row, target, w, lo, up, size, equal, out):  # type: igno
 
 @kernel
 def gradients(  # type: ignore[no-untyped-def]
-    slopes, y, cost_source, cost_column, source, row, column, more_source, more_row, more_column,
-    grad, pull,
-):  # fmt: skip
-    """`grad` ∇f and `pull` Jᵀy from the flat nonzeros `slopes`."""
+    slopes, y, cost_source, cost_column, source, row, column, grad, pull
+):
+    """`grad` becomes ∇f; J_dᵀy of the limit rows is added to `pull`. `slopes` are nonzeros."""
     for i in range(grad.shape[0]):
         grad[i] = 0.0
-        pull[i] = 0.0
     for i in range(cost_source.shape[0]):
         grad[cost_column[i]] += slopes[cost_source[i]]
     for i in range(source.shape[0]):
         pull[column[i]] += slopes[source[i]] * y[row[i]]
-    for i in range(more_source.shape[0]):
-        pull[more_column[i]] += slopes[more_source[i]] * y[more_row[i]]
 
 
 @kernel
@@ -207,16 +203,17 @@ def mean_product_after(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def barrier(w, dw, lo, up, inwards):  # type: ignore[no-untyped-def]
-    """Σ log of all slacks, and `inwards`·dw: minus its rate along dw."""
-    logs, rate = 0.0, 0.0
+def log_slacks(w, lo, up):  # type: ignore[no-untyped-def]
+    """Σ log of all slacks; products of a few at a time, for logarithms are slow."""
+    logs, product = 0.0, 1.0
     for i in range(w.shape[0]):
         if lo[i] > -np.inf:
-            logs += np.log(w[i] - lo[i])
+            product *= w[i] - lo[i]
         if up[i] < np.inf:
-            logs += np.log(up[i] - w[i])
-        rate += inwards[i] * dw[i]
-    return logs, rate
+            product *= up[i] - w[i]
+        if not 1e-200 < product < 1e200:
+            logs, product = logs + np.log(product), 1.0
+    return logs + np.log(product)
 
 
 @kernel

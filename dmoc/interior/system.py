@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.interior.assembly_kernels import add_limits, place_hessian, place_rows
+from dmoc.interior.assembly_kernels import (
+    add_limits,
+    momentum_pull,
+    place_hessian,
+    place_rows,
+)
 from dmoc.interior.frames import Frames, places_of_end
 from dmoc.interior.riccati_kernels import factorise, solve
 
@@ -41,6 +46,7 @@ class NewtonSystem:
             np.zeros((full, full)), np.zeros((state, state)), np.zeros((state + many,) * 2)
         )  # fmt: skip
         self._solve_work = np.zeros((3, count, n)), np.zeros((3, full)), np.zeros((3, many))
+        self._dense = np.zeros(full)
         self._pivot = 0.0
         self._last_shift = 0.0
 
@@ -52,6 +58,10 @@ class NewtonSystem:
         """Momentum rows from the flat Jacobian."""
         momentum = self.frames.momentum
         place_rows(slopes, momentum.source, momentum.target, self.rows.reshape(-1))
+
+    def pull(self, y: Array, out: Array) -> None:
+        """`out` (size,) becomes Jᵀy of the momentum rows set last."""
+        momentum_pull(self.rows, y, self.frames.num_joints, np.empty(self.rows.shape[2]), out)
 
     def set_hessian(self, curves: Array, slopes: Array, weight: Array) -> None:
         """Stage Hessians with the limit rows condensed, each with its `weight` (L,)."""
@@ -69,7 +79,7 @@ class NewtonSystem:
         if len(weight):
             add_limits(
                 slopes, limit.source, limit.target, self.frames.limit_start,
-                self.frames.limit_stage, weight, self.hess,
+                self.frames.limit_stage, weight, self._dense, self.hess,
             )  # fmt: skip
 
     def factorise(self, sigma: Array, fixed: Array) -> bool:

@@ -134,32 +134,35 @@ def test_flat_derivatives_are_those_of_the_assembled_programme(tmp_path, familie
     y = rng.normal(size=motion.programme.num_rows)
     oracle.jacobian(x)
     oracle.hessian(x, y)
-    cost, rows = (np.array(v).ravel() for v in motion.programme.nlp(x, p))
+    value, rows = (np.array(v).ravel() for v in motion.programme.nlp(x, p))
     found = np.zeros(len(rows))
     num_limits = len(rows) - frames.num_momentum
     w = np.zeros(frames.size + num_limits)
     infinite = np.full(len(w), np.inf)
-    value, *_ = gather_rows(
+    found_value, *_ = gather_rows(
         oracle.values, frames.rows, np.zeros(frames.num_momentum), w, w - 1, infinite,
         frames.size, frames.num_momentum, found,
     )  # fmt: skip
-    assert value == pytest.approx(cost[0], rel=1e-13)
+    assert found_value == pytest.approx(value[0], rel=1e-13)
     np.testing.assert_allclose(found, rows, atol=1e-12)
+    system = NewtonSystem(frames, 5)
+    system.set_rows(oracle.slopes)
     grad, pull = np.zeros(frames.size), np.zeros(frames.size)
-    entries = (frames.momentum, frames.limit)
-    flat = [array for e in entries for array in (e.source, e.row, e.column)]
-    gradients(oracle.slopes, y, frames.objective.source, frames.objective.column, *flat, grad, pull)
+    system.pull(y[: frames.num_momentum], pull)
+    cost, limit = frames.objective, frames.limit
+    gradients(
+        oracle.slopes, y, cost.source, cost.column, limit.source, limit.row, limit.column,
+        grad, pull,
+    )  # fmt: skip
     jac = np.array(motion.programme.jac_g(x, p)[1])
     np.testing.assert_allclose(grad, np.array(motion.programme.grad_f(x, p)[1]).ravel(), atol=1e-10)
     np.testing.assert_allclose(pull, jac.T @ y, atol=1e-9)
     weight = rng.random(num_limits)
-    system = NewtonSystem(frames, 5)
-    system.set_rows(oracle.slopes)
     system.set_hessian(oracle.curves, oracle.slopes, weight)
     upper_triangle = np.array(motion.programme.hess_lag(x, p, 1.0, y))
     want = upper_triangle + np.triu(upper_triangle, 1).T
-    limit = jac[frames.num_momentum :]
-    want += limit.T @ (weight[:, None] * limit)
+    rows = jac[frames.num_momentum :]
+    want += rows.T @ (weight[:, None] * rows)
     matrix = np.zeros_like(want)
     momentum = np.zeros((frames.num_momentum, frames.size))
     for k in range(7):
