@@ -11,15 +11,10 @@ from typing import Any, cast
 from dmoc.refinement.params import Method
 from planning.station import Station, available_stations, demo_station, load_station
 from sequencing.commands.console import Console, Outcome
-from sequencing.commands.workers import worker_pool
+from sequencing.commands.run_folder import no_cycle, open_bench, write_pages
 from sequencing.cycle import NoCycle, PlanEvent, PlanStop, plan_station
 from sequencing.cycle_types import Cycle, Reuse
-from sequencing.report.curves import write_curves
-from sequencing.report.html import write_report
-from sequencing.report.progress import plan_progress
-from sequencing.report.scene import write_scene
-from sequencing.run_files import read_run, write_run
-from sequencing.store import EdgeStore
+from sequencing.run_files import write_run
 
 __all__ = ["headline", "open_station", "run_demo", "run_plan"]
 
@@ -62,26 +57,17 @@ def run_plan(
     )
     events: list[PlanEvent] = []
     try:
-        with (
-            EdgeStore(folder / "edges.sqlite") as store,
-            worker_pool(workers) as executor,
-            plan_progress() as progress,
-        ):
+        with open_bench(folder, workers) as bench:
             cycle = plan_station(
-                station, seed=seed, method=cast(Method, method), stop=stop,
-                executor=executor, store=store, progress=_kept(progress, events), polish=polish,
+                station, seed=seed, method=cast(Method, method), stop=stop, store=bench.store,
+                executor=bench.executor, progress=_kept(bench.progress, events), polish=polish,
             )  # fmt: skip
     except NoCycle as none:
-        for key, reason in none.reasons.items():
-            console.say(f"no cycle: {key}: {reason}")
-        return Outcome({"status": "no_cycle", "reasons": none.reasons, "out": str(folder)}, 3)
+        return no_cycle(console, none, folder)
     planned = time.perf_counter() - began
     reuse = next(event.reuse for event in reversed(events) if event.reuse is not None)
     write_run(cycle, folder, _timing(planned, planned, reuse))
-    run = read_run(folder, station.robot)
-    write_curves(run.timeline, station.robot, folder / "curves.png", station.name)
-    write_scene(station, run.timeline, folder / "scene.html", station.name)
-    write_report(run, station.robot, folder / "report.html")
+    write_pages(cycle, folder)
     wall = time.perf_counter() - began
     write_run(cycle, folder, _timing(planned, wall, reuse))
     console.show((folder / "tables.md").read_text(encoding="utf-8"))

@@ -8,11 +8,8 @@ from pathlib import Path
 from dmoc.errors import Fault, InputError
 from sequencing.commands.console import Console, Outcome, save_json
 from sequencing.commands.plan import headline
-from sequencing.commands.workers import worker_pool
-from sequencing.report.curves import write_curves
-from sequencing.report.html import write_report
-from sequencing.report.scene import write_scene
-from sequencing.run_files import read_run, write_run
+from sequencing.commands.run_folder import no_cycle, open_bench, write_pages
+from sequencing.run_files import write_run
 
 __all__ = ["run_study"]
 
@@ -46,10 +43,8 @@ def _stud_welding(
     console: Console, station: str, seed: int, out: Path | None, workers: int, reduced: bool
 ) -> Outcome:
     from sequencing.cycle import NoCycle
-    from sequencing.report.progress import plan_progress
     from sequencing.report.stud_welding_page import study_entry, write_study
     from sequencing.report.stud_welding_tables import stud_welding_markdown
-    from sequencing.store import EdgeStore
     from sequencing.studies.stud_welding import run_stud_welding_study
 
     if station not in STATIONS:
@@ -60,26 +55,16 @@ def _stud_welding(
     began = time.perf_counter()
     folder = out or Path("runs") / f"study-{STATIONS[station]}{'-reduced' if reduced else ''}"
     try:
-        with (
-            EdgeStore(folder / "edges.sqlite") as store,
-            worker_pool(workers) as executor,
-            plan_progress() as progress,
-        ):
+        with open_bench(folder, workers) as bench:
             run = run_stud_welding_study(
-                station, store, seed=seed, reduced=reduced, executor=executor, progress=progress
-            )
+                station, bench.store, seed=seed, reduced=reduced, executor=bench.executor,
+                progress=bench.progress,
+            )  # fmt: skip
     except NoCycle as none:
-        for key, reason in none.reasons.items():
-            console.say(f"no cycle: {key}: {reason}")
-        return Outcome({"status": "no_cycle", "reasons": none.reasons, "out": str(folder)}, 3)
+        return no_cycle(console, none, folder)
     for cycle, place in ((run.new, folder), (run.old, folder / "old")):
-        wall = time.perf_counter() - began
-        write_run(cycle, place, {"wall_s": wall})
-        robot = cycle.station.robot
-        found = read_run(place, robot)
-        write_curves(found.timeline, robot, place / "curves.png", cycle.station.name)
-        write_scene(cycle.station, found.timeline, place / "scene.html", cycle.station.name)
-        write_report(found, robot, place / "report.html")
+        write_run(cycle, place, {"wall_s": time.perf_counter() - began})
+        write_pages(cycle, place)
     write_study(run.study, folder)
     console.show(stud_welding_markdown(run.study))
     console.show(
