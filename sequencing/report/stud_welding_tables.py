@@ -232,8 +232,8 @@ def departures_table(study: StudWeldingStudy) -> str:
     header = ["way to leave", "tip speed m/s", "new: ratio", *names, "cheapest with welds"]
     return markdown_table(header, rows) + (
         "\n\nTravel cost of each sequence without obstacles. The plan itself chooses one to four "
-        "twentieths of each motion, whichever is cheapest. Other lengths of the line are among the "
-        "changed assumptions above."
+        "twentieths for each motion. Other lengths of the line are among the changed assumptions "
+        "above."
     )
 
 

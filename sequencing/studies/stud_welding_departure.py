@@ -6,7 +6,7 @@ Obstacles are left out, so that nothing but the way of leaving differs between t
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 
 import numpy as np
@@ -20,7 +20,7 @@ from sequencing.store import decode_motion, encode_motion
 from sequencing.studies.stud_welding_model import Bench, Model, travels
 from sequencing.studies.stud_welding_types import DepartureRow
 
-__all__ = ["departure_rows", "solve_kept"]
+__all__ = ["CHOSEN", "departure_rows", "solve_kept"]
 
 NUM_INTERVALS = 20
 Sequences = Mapping[str, tuple[int, ...]]
@@ -29,8 +29,10 @@ MODES: dict[str, int | None] = {
     "no line (no gun can)": None,
     "line in 1/20 of the motion": 1,
     "line in 2/20 of the motion": 2,
+    "line in 3/20 of the motion": 3,
     "line in 4/20 of the motion": 4,
 }
+CHOSEN = "whichever is cheapest for each motion"
 STOP = "retract, stop, travel, stop, approach"
 
 
@@ -40,17 +42,31 @@ def departure_rows(
     """Travel cost of every sequence for each way to leave the welds; `new` is the one compared."""
     pairs = sorted({pair for cycle in sequences.values() for pair in canonical(cycle)})
     rows, base = [], None
+    least: dict[tuple[int, int], tuple[float, float]] = {}  # cost and end speed
     for name, knots in MODES.items():
         motions = solve_kept([_problem(model, i, j, knots) for i, j in pairs], bench)
         costs = {pair: price(motion) for pair, motion in zip(pairs, motions)}
         speed = None
         if knots is not None:
-            speeds = [_end_speed(model, motion, knots) for motion in motions if motion.status.ok]
-            speed = float(np.median(speeds)) if speeds else None
+            speeds = {
+                pair: _end_speed(model, motion, knots)
+                for pair, motion in zip(pairs, motions) if motion.status.ok
+            }  # fmt: skip
+            speed = _median(speeds.values())
+            for pair, value in speeds.items():
+                least[pair] = min(least.get(pair, (np.inf, 0.0)), (costs[pair], value))
         rows.append(_row(name, model, sequences, costs, new, base, speed))
         base = base or rows[0].travel[new]
+    chosen = {pair: least.get(pair, (np.inf, 0.0))[0] for pair in pairs}
+    speed = _median(speed for _, speed in least.values())
+    rows.append(_row(CHOSEN, model, sequences, chosen, new, base, speed))
     rows.append(_row(STOP, model, sequences, _stopping(model, pairs, bench), new, base, 0.0))
     return tuple(rows)
+
+
+def _median(values: Iterable[float]) -> float | None:
+    found = list(values)
+    return float(np.median(found)) if found else None
 
 
 def canonical(cycle: tuple[int, ...]) -> list[tuple[int, int]]:

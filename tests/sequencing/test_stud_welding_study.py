@@ -28,6 +28,7 @@ from sequencing.studies.stud_welding import (
     study_station,
 )
 from sequencing.studies.stud_welding_changes import CHANGES, FEW_CHANGES, compare_orders
+from sequencing.studies.stud_welding_departure import CHOSEN
 from sequencing.studies.stud_welding_friction import friction_cost
 from sequencing.studies.stud_welding_model import Model, priced_nodes, scaled_masses
 from sequencing.studies.stud_welding_search import best_poses, best_sequence, from_home, sequence_by
@@ -275,8 +276,12 @@ def test_leaving_on_a_line_costs_and_a_stop_is_no_line(study) -> None:
     rows = {row.name: row for row in study.departures}
     assert rows["no line (no gun can)"].ratio == 1.0
     assert all(row.ratio >= 1.0 for row in study.departures)
-    speeds = [row.end_speed_m_s for row in study.departures[1:]]
+    chosen = rows.pop(CHOSEN)
+    fixed = [row for name, row in rows.items() if name.startswith("line in")]
+    assert all(chosen.travel[k] <= row.travel[k] for row in fixed for k in chosen.travel)
+    speeds = [row.end_speed_m_s for row in list(rows.values())[1:]]
     assert speeds == sorted(speeds, reverse=True)
+    assert speeds[-2] <= chosen.end_speed_m_s <= speeds[0]
 
 
 def test_the_study_again_reads_its_edges_and_says_the_same(run, store_path, tmp_path) -> None:
