@@ -1,13 +1,14 @@
 """CPU and quality of free-time motions: this package beside its peers.
 
     python benchmarks/ocp.py [--pairs 20] [--reliability 0] [--robots ur10e_class irb6640_class]
-        [--peers rockit crocoddyl toppra drake]
+        [--peers rockit crocoddyl toppra drake] [--reliability-solver structured]
 
 Random rest-to-rest problems, N = 40, drawn before anything is solved, with |g(q)| ≤ 0.9 u_max at
 both ends. For the comparison the acceleration limit is off for everybody; crocoddyl has none, nor
 speed limits, so its J may be lower: the last ratio counts only the pairs where its motion keeps all
 limits anyway. Ours is shown with the acceleration limit as well, and on twice the grid at fixed
-time, where its J is what crocoddyl reaches with its fourth-order steps. CPU is process time of
+time, where its J is what crocoddyl reaches with its fourth-order steps. "Own solver" is
+`IpoptParams(solver="structured")` in place of Ipopt, free time. CPU is process time of
 the solve alone; J is the cost of the cubic interpolant with the torques that it needs by inverse
 dynamics, for everybody alike; ratios are per problem, medians over problems. Peers that are not
 installed are left out and named. Results: `benchmarks/results/ocp.md` and `.json`.
@@ -32,6 +33,7 @@ from ocp_peers import Crocoddyl, Drake, Rockit, Toppra
 
 from dmoc.cost import Cost
 from dmoc.motion import MotionProblem
+from dmoc.nlp_types import DEFAULT_PARAMS, IpoptParams
 from dmoc.resimulation import replay_motion
 from dmoc.robot import Robot, load_robot
 from dmoc.running_cost import trajectory_cost
@@ -40,6 +42,7 @@ from dmoc.trajectory import JointTrajectory
 
 RESULTS = Path(__file__).parent / "results"
 REPEATS = 3
+OWN = IpoptParams(solver="structured")
 FINER = "dmoc, fixed time, N = 80"
 
 
@@ -53,12 +56,12 @@ def draw_pairs(robot: Robot, count: int, seed: int, span: float = 2.0) -> list[t
     return out
 
 
-def timed(problem: MotionProblem) -> tuple:
+def timed(problem: MotionProblem, params: IpoptParams = DEFAULT_PARAMS) -> tuple:
     """The motion and the least CPU of a few solves: the machine is shared."""
     spent = []
     for _ in range(REPEATS):
         start = time.process_time()
-        motion = solve(problem)
+        motion = solve(problem, params)
         spent.append(time.process_time() - start)
     return motion, min(spent)
 
@@ -70,8 +73,13 @@ def compare(name: str, count: int, peers: list) -> dict:
     cost = Cost()
     limited = [MotionProblem(robot, *pair) for pair in pairs]
     problems = [MotionProblem(free, *pair) for pair in pairs]
-    solve(limited[0]), solve(problems[0])
-    rows = {"with acceleration limits": [timed(problem) for problem in limited]}
+    for params in (DEFAULT_PARAMS, OWN):
+        solve(limited[0], params), solve(problems[0], params)
+    rows = {
+        "with acceleration limits": [timed(problem) for problem in limited],
+        "with acceleration limits, own solver": [timed(problem, OWN) for problem in limited],
+        "dmoc, own solver": [timed(problem, OWN) for problem in problems],
+    }
     ours = [timed(problem) for problem in problems]
     fixed = [timed(p.replace(duration_s=m.duration_s)) for p, (m, _) in zip(problems, ours)]
     finer = [
@@ -150,12 +158,12 @@ def summary(results: list, robot: Robot, cost: Cost, problems: list) -> dict:
     }
 
 
-def reliability(name: str, count: int) -> dict:
+def reliability(name: str, count: int, params: IpoptParams) -> dict:
     robot = load_robot(name)
     statuses, cpu, iterations, defects = Counter(), [], [], []
     for pair in draw_pairs(robot, count, seed=1000):
         start = time.process_time()
-        motion = solve(MotionProblem(robot, *pair))
+        motion = solve(MotionProblem(robot, *pair), params)
         cpu.append(time.process_time() - start)
         statuses[motion.status.value] += 1
         iterations.append(motion.iterations)
@@ -229,6 +237,7 @@ def main() -> None:
     parser.add_argument("--robots", nargs="+", default=["ur10e_class", "irb6640_class"])
     parser.add_argument("--reliability-robots", nargs="+", default=None)
     parser.add_argument("--peers", nargs="+", default=["rockit", "crocoddyl", "toppra", "drake"])
+    parser.add_argument("--reliability-solver", default="ipopt", choices=["ipopt", "structured"])
     parser.add_argument("--name", default="ocp")
     options = parser.parse_args()
     kinds = {"rockit": Rockit, "crocoddyl": Crocoddyl, "toppra": Toppra, "drake": Drake}
@@ -257,9 +266,11 @@ def main() -> None:
                  f"Fresh process, empty cache, import to first motion: "
                  f"{data['first_result_s'][name]:.2f} s wall.", ""]  # fmt: skip
     for name in (options.reliability_robots or options.robots) if options.reliability else []:
-        found = reliability(name, options.reliability)
+        found = reliability(
+            name, options.reliability, IpoptParams(solver=options.reliability_solver)
+        )
         data["reliability"][name] = found
-        text += [f"## Reliability, {name}", "", f"{found}", ""]
+        text += [f"## Reliability, {name}, {options.reliability_solver}", "", f"{found}", ""]
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / f"{options.name}.json").write_text(json.dumps(data, indent=1) + "\n")
     (RESULTS / f"{options.name}.md").write_text("\n".join(text))
