@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dmoc.interior.jit import kernel
 
-__all__ = ["factorise_end", "solve_transposed", "start_from_end"]
+__all__ = ["factorise_end", "finish_end", "start_from_end"]
 
 
 @kernel
@@ -12,7 +12,12 @@ def factorise_end(  # type: ignore[no-untyped-def]
     hess, rows, sigma, delta, place, n, first,
     end_lu, end_pivot, end_map, end_hess, value, scratch,
 ):  # fmt: skip
-    """The square last stages: Y = −B_y⁻¹ B_s and the cost to go of their state."""
+    """The square last stages m = `first`..N: Y = −B_y⁻¹ B_s and the cost to go of their state.
+
+    `place` (N+1−m, F) maps their frames to (state, y) or −1. Outputs: `end_lu` (t, t), `end_pivot`
+    (t,), `end_map` Y (t, S), `end_hess` (t, t+S) = (H_yy, H_ys), `value` (S, S). Workspace:
+    `scratch` (S+t, S+t). False where the rows are dependent.
+    """
     count, size_f, size_s = hess.shape[0], hess.shape[1], 3 * n + 1
     many = end_lu.shape[0]
     size = size_s + many
@@ -120,11 +125,12 @@ def _lu(matrix, pivot):  # type: ignore[no-untyped-def]
 
 @kernel
 def start_from_end(  # type: ignore[no-untyped-def]
-    gradient, defect, n, first, end_lu, end_pivot, end_map, end_hess, end_known, v
+    gradient, defect, n, first, end_lu, end_pivot, end_map, end_hess, end_known, known
 ):
-    """y_0, the gradient of y, and the gradient of the cost to go of the last stages' state."""
+    """y_0 and the gradient of y (first rows of `end_known` (3, t)), and the gradient of the cost to
+    go of the last stages' state (second row of `known`)."""
     size_s, many = 3 * n + 1, end_lu.shape[0]
-    y, g = end_known[0], end_known[1]
+    y, g, v = end_known[0], end_known[1], known[1]
     for i in range(n):
         g[i] = gradient[2 * n * (first + 1) + i]
     for i in range(n, many):
@@ -153,7 +159,38 @@ def start_from_end(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def solve_transposed(matrix, pivot, b):  # type: ignore[no-untyped-def]
+def finish_end(  # type: ignore[no-untyped-def]
+    n, first, end_lu, end_pivot, end_map, end_hess, end_known, known, x, lam
+):
+    """x and `lam` of the last stages, whose state is the last row of `known`."""
+    size_s, many, count = 3 * n + 1, end_lu.shape[0], lam.shape[0] - 1
+    y, state, multipliers = end_known[0], known[2], end_known[2]
+    for i in range(many):
+        for p in range(size_s):
+            y[i] += end_map[i, p] * state[p]
+    for i in range(many):
+        total = end_known[1, i]
+        for j in range(many):
+            total += end_hess[i, j] * y[j]
+        for p in range(size_s):
+            total += end_hess[i, many + p] * state[p]
+        multipliers[i] = -total
+    _solve_transposed(end_lu, end_pivot, multipliers)
+    for k in range(first + 1, count + 1):  # knots after the last free one have no step
+        for i in range(n):
+            x[2 * n * k + i] = 0.0
+    for i in range(n):
+        x[2 * n * (first + 1) + i] = y[i]
+    for k in range(first, count):
+        for i in range(n):
+            x[2 * n * k + n + i] = y[n + (k - first) * n + i]
+    for k in range(first, count + 1):
+        for i in range(n):
+            lam[k, i] = multipliers[(k - first) * n + i]
+
+
+@kernel
+def _solve_transposed(matrix, pivot, b):  # type: ignore[no-untyped-def]
     """Solve Aᵀ x = b in place with the factor of `_lu`."""
     size = matrix.shape[0]
     for i in range(size):

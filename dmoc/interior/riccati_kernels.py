@@ -11,14 +11,13 @@ Backwards, with V_{k+1} the cost to go as a function of the state of stage k + 1
 Cholesky factor of its (n, n) block, which exists for all k exactly if the reduced Hessian is
 positive definite. The last stages have as many rows as unknowns y = (q_K, û_{K−1}, …, û_{N−1}), K
 the last free knot: y = Y s + y_0 by one dense LU. h is in every state and minimised last.
-Multipliers come from the stationarity of the û_k and, at the end, of y.
+Multipliers come from the stationarity of the û_k and, at the end, of y (`end_kernels`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from dmoc.interior.end_kernels import factorise_end, solve_transposed, start_from_end
 from dmoc.interior.jit import kernel
 
 __all__ = ["factorise", "solve"]
@@ -29,28 +28,19 @@ SMALLEST_PIVOT = 1e-13
 
 @kernel
 def factorise(  # type: ignore[no-untyped-def]
-    hess, rows, sigma, delta, fixed, place, n, slopes, gains, chols, hux, huu,
-    end_lu, end_pivot, end_map, end_hess, frame, value, scratch,
-):  # fmt: skip
-    """Factor of the system; the pivot of h, or a number ≤ 0 if the inertia is wrong, NaN if the
-    rows of the last stages are singular.
+    hess, rows, sigma, delta, fixed, first, n, slopes, gains, chols, hux, huu, frame, value, scratch
+):
+    """Factor of stages m−1..0, m = `first`; the pivot of h, or a number ≤ 0 if the inertia is
+    wrong.
 
     `hess` (N, F, F), `rows` (N+1, n, F), `sigma` (size,) and `delta` are added to the diagonal,
-    `fixed` (size,) marks variables without a step, `place` (N+1−m, F) maps the frames of the last
-    stages m..N to (state, y) or −1. Outputs: `slopes` U (N, n, X), `gains` K (N, n, S), `chols`
-    (N, n, n), `hux` (N, n, X), `huu` (N, n, n), `end_lu` (t, t), `end_pivot` (t,), `end_map` Y
-    (t, S), `end_hess` (t, t+S) = (H_yy, H_ys). Workspace: `frame` (F, F), `value` (S, S), `scratch`
-    (S+t, S+t).
+    `fixed` (size,) marks variables without a step; `value` (S, S) is the cost to go of the state of
+    stage m (see `end_kernels`). Outputs: `slopes` U (N, n, X), `gains` K (N, n, S), `chols`
+    (N, n, n), `hux` (N, n, X), `huu` (N, n, n). Workspace: `frame` (F, F), `scratch` (n, X).
     """
     count, size_f = hess.shape[0], hess.shape[1]
     size_s, size_x = 3 * n + 1, 4 * n + 1
-    first = rows.shape[0] - place.shape[0]
     step = (2 * count + 1) * n
-    if not factorise_end(
-        hess, rows, sigma, delta, place, n, first,
-        end_lu, end_pivot, end_map, end_hess, value, scratch,
-    ):  # fmt: skip
-        return np.nan
     for k in range(first - 1, -1, -1):
         base = 2 * n * k
         for i in range(size_f):
@@ -146,20 +136,19 @@ def _eliminate_knot(frame, fixed, at, n, gain, chol, value):  # type: ignore[no-
 
 @kernel
 def solve(  # type: ignore[no-untyped-def]
-    rows, gradient, defect, pivot_h, fixed, place, n, slopes, gains, chols, hux, huu,
-    end_lu, end_pivot, end_map, end_hess, push, known, end_known, x, lam,
+    rows, gradient, defect, pivot_h, fixed, first, n, slopes, gains, chols, hux, huu, push, known,
+    x, lam,
 ):  # fmt: skip
-    """x (size,) and multipliers `lam` (N+1, n) for `gradient` g (size,) and `defect` c (N+1, n).
+    """x up to knot m = `first` and multipliers `lam` (N+1, n) of rows 0..m−1 for `gradient` g
+    (size,) and `defect` c (N+1, n).
 
-    Workspace: `push` (3, N, n) for û's gradient, the feed-forward of c and u_0; `known` (3, F);
-    `end_known` (3, t).
+    `known` (3, F): row 1 is the gradient of the cost to go of stage m on entry, row 2 its state at
+    the end. Workspace: `push` (3, N, n) for û's gradient, the feed-forward of c and u_0.
     """
     count, size_f = slopes.shape[0], 5 * n + 1
     size_s, size_x = 3 * n + 1, 4 * n + 1
-    many, first = end_lu.shape[0], rows.shape[0] - place.shape[0]
     step = (2 * count + 1) * n
     g, v, state = known[0], known[1], known[2]
-    start_from_end(gradient, defect, n, first, end_lu, end_pivot, end_map, end_hess, end_known, v)
     for k in range(first - 1, -1, -1):
         base = 2 * n * k
         for i in range(n):
@@ -225,26 +214,3 @@ def solve(  # type: ignore[no-untyped-def]
             state[i] = state[n + i]
             state[n + i] = state[size_s + i]
             state[2 * n + i] = state[size_x + i]
-    y = end_known[0]
-    for i in range(many):
-        for p in range(size_s):
-            y[i] += end_map[i, p] * state[p]
-    for i in range(many):
-        total = end_known[1, i]
-        for j in range(many):
-            total += end_hess[i, j] * y[j]
-        for p in range(size_s):
-            total += end_hess[i, many + p] * state[p]
-        end_known[2, i] = -total
-    solve_transposed(end_lu, end_pivot, end_known[2])
-    for k in range(first + 1, count + 1):  # knots after the last free one have no step
-        for i in range(n):
-            x[2 * n * k + i] = 0.0
-    for i in range(n):
-        x[2 * n * (first + 1) + i] = y[i]
-    for k in range(first, count):
-        for i in range(n):
-            x[2 * n * k + n + i] = y[n + (k - first) * n + i]
-    for k in range(first, count + 1):
-        for i in range(n):
-            lam[k, i] = end_known[2, (k - first) * n + i]

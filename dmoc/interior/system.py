@@ -11,6 +11,7 @@ from dmoc.interior.assembly_kernels import (
     place_hessian,
     place_rows,
 )
+from dmoc.interior.end_kernels import factorise_end, finish_end, start_from_end
 from dmoc.interior.frames import Frames, places_of_end
 from dmoc.interior.riccati_kernels import factorise, solve
 
@@ -36,16 +37,19 @@ class NewtonSystem:
         self.rows = np.zeros((count + 1, n, full))
         self.shift = 0.0
         self._place = places_of_end(count, n, last_free)
+        self._first = last_free - 1
         self._factor = (
             np.zeros((count, n, wide)), np.zeros((count, n, state)), np.zeros((count, n, n)),
-            np.zeros((count, n, wide)), np.zeros((count, n, n)), np.zeros((many, many)),
-            np.zeros(many, dtype=np.int64), np.zeros((many, state)),
+            np.zeros((count, n, wide)), np.zeros((count, n, n)),
+        )  # fmt: skip
+        self._end = (
+            np.zeros((many, many)), np.zeros(many, dtype=np.int64), np.zeros((many, state)),
             np.zeros((many, many + state)),
         )  # fmt: skip
-        self._work = (
-            np.zeros((full, full)), np.zeros((state, state)), np.zeros((state + many,) * 2)
-        )  # fmt: skip
-        self._solve_work = np.zeros((3, count, n)), np.zeros((3, full)), np.zeros((3, many))
+        self._frame, self._value = np.zeros((full, full)), np.zeros((state, state))
+        self._scratch, self._end_scratch = np.zeros((n, wide)), np.zeros((state + many,) * 2)
+        self._push, self._known = np.zeros((3, count, n)), np.zeros((3, full))
+        self._end_known = np.zeros((3, many))
         self._dense = np.zeros(full)
         self._pivot = 0.0
         self._last_shift = 0.0
@@ -88,17 +92,20 @@ class NewtonSystem:
         `sigma` (≥ size,) is added to the diagonal, `fixed` (size,) marks variables without a step.
         False if the rows are dependent or no shift does.
         """
-        self._fixed = fixed
+        self._fixed, n = fixed, self.frames.num_joints
         shift = 0.0
         while True:
+            if not factorise_end(
+                self.hess, self.rows, sigma, shift, self._place, n, self._first, *self._end,
+                self._value, self._end_scratch,
+            ):  # fmt: skip
+                return False
             self._pivot = factorise(
-                self.hess, self.rows, sigma, shift, fixed, self._place, self.frames.num_joints,
-                *self._factor, *self._work,
+                self.hess, self.rows, sigma, shift, fixed, self._first, n, *self._factor,
+                self._frame, self._value, self._scratch,
             )  # fmt: skip
             if self._pivot > 0.0:
                 break
-            if not self._pivot <= 0.0:
-                return False
             if shift == 0.0:
                 last = self._last_shift
                 shift = FIRST_SHIFT if last == 0.0 else max(SMALLEST_SHIFT, DECAY * last)
@@ -113,10 +120,13 @@ class NewtonSystem:
 
     def solve(self, gradient: Array, defect: Array) -> tuple[Array, Array]:
         """x (size,) and multipliers of the momentum rows for a gradient and their defect."""
-        frames = self.frames
-        x, lam = np.empty(frames.size), np.empty((frames.num_intervals + 1, frames.num_joints))
+        frames, n, first = self.frames, self.frames.num_joints, self._first
+        x, lam = np.empty(frames.size), np.empty((frames.num_intervals + 1, n))
+        defect = defect.reshape(lam.shape)
+        start_from_end(gradient, defect, n, first, *self._end, self._end_known, self._known)
         solve(
-            self.rows, gradient, defect.reshape(lam.shape), self._pivot, self._fixed, self._place,
-            frames.num_joints, *self._factor, *self._solve_work, x, lam,
+            self.rows, gradient, defect, self._pivot, self._fixed, first, n, *self._factor,
+            self._push, self._known, x, lam,
         )  # fmt: skip
+        finish_end(n, first, *self._end, self._end_known, self._known, x, lam)
         return x, lam.reshape(-1)
