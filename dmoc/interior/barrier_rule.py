@@ -22,7 +22,11 @@ _FIXED_SHARE = 0.8
 
 @dataclass
 class BarrierRule:
-    """μ of one solve; `free` while the probing rule holds, `changed` when φ is another function."""
+    """μ of one solve, at most `largest`; `free` while the probing rule holds.
+
+    `pairs` are those (objective, Σ|defect|) of accepted points that no later one may exceed in
+    both while the rule holds.
+    """
 
     free: bool = True
     mu: float = 0.0
