@@ -1,5 +1,7 @@
 """Our own solver finds Ipopt's optima, hands on what it cannot carry, and repeats itself."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
