@@ -99,11 +99,11 @@ def test_same_optimum_where_speed_and_acceleration_bind(arm) -> None:
         guess = straight_guess(problem)
         for cost in (Cost(), Cost(effort=0.0, velocity=0.0)):
             one = problem.replace(cost=cost)
-                # Time alone is flat in q: only sharp optima agree there.
-                ipopt, own = (
-                    solve_nlp(one, guess, params=replace(params, tolerance=1e-8), families=both)
-                    for params in (KNOTS, OWN_KNOTS)
-                )
+            # Time alone is flat in q: only sharp optima agree there.
+            ipopt, own = (
+                solve_nlp(one, guess, params=replace(params, tolerance=1e-8), families=both)
+                for params in (KNOTS, OWN_KNOTS)
+            )
             assert_same(ipopt, own)
             assert np.abs(own.multipliers.rows[21 * 3 :]).max() > 1e-3  # they bind
         limited = solve(problem, OWN)
