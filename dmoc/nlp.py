@@ -29,7 +29,6 @@ from dmoc.curve_limits import (
     no_lag,
 )
 from dmoc.half_spaces import capacity_for, half_space_params, without_idle_rows
-from dmoc.interior import solve_staged
 from dmoc.motion import MotionProblem
 from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, IpoptParams, NlpSolution, PathRows
 from dmoc.programme import Families, MotionProgramme, motion_programme
@@ -261,6 +260,8 @@ def _minimum(
     """
     spent, name = 0, params.solver
     if params.solver == "structured":
+        from dmoc.interior import solve_staged  # with it numba, which takes a while to load
+
         own = solve_staged(motion, arguments, params)
         if own is not None and own[1]["return_status"] in STATUS:
             return own

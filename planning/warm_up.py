@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from dmoc.arrays import Array
+from dmoc.guess import straight_guess
+from dmoc.motion import MotionProblem
+from dmoc.nlp import solve_nlp
+from dmoc.programme import Families
+from dmoc.refinement import RefineParams
+from dmoc.robot import Robot
 from planning.certificate import prove_path
 from planning.world import CollisionWorld
 
@@ -24,6 +31,15 @@ def warm_up(world: CollisionWorld, reverse: bool = False) -> None:
         lambda: edge.phi(q),
         lambda: scene.segment_contact(q[0], q[1], 1e3, 0.0, scene.everything),
         lambda: prove_path(edge, q, max_depth=1),
+        lambda: _solve_something(world.robot, q),
     )
     for query in reversed(queries) if reverse else queries:
         query()
+
+
+def _solve_something(robot: Robot, limits: Array) -> None:
+    """A short motion with every kind of row that refinement has."""
+    middle = limits.mean(axis=0)
+    problem = MotionProblem(robot, middle, 0.9 * middle + 0.1 * limits[1], num_intervals=10)
+    families = Families(velocity=True, acceleration=True)
+    solve_nlp(problem, straight_guess(problem), params=RefineParams().loose, families=families)
