@@ -167,10 +167,13 @@ def bound_step(w, dw, lo, up, tau):  # type: ignore[no-untyped-def]
     """The longest step ≤ 1 that keeps the share 1 − τ of every slack."""
     step = 1.0
     for i in range(w.shape[0]):
+        longest = step
         if dw[i] < 0.0 and lo[i] > -np.inf:
-            step = min(step, -tau * (w[i] - lo[i]) / dw[i])
+            longest = -tau * (w[i] - lo[i]) / dw[i]
         elif dw[i] > 0.0 and up[i] < np.inf:
-            step = min(step, tau * (up[i] - w[i]) / dw[i])
+            longest = tau * (up[i] - w[i]) / dw[i]
+        if longest < step:
+            step = longest
     return step
 
 
@@ -199,7 +202,7 @@ def mean_product_after(  # type: ignore[no-untyped-def]
         if up[i] < np.inf:
             total += (up[i] - w[i] - step * dw[i]) * (z_up[i] + dual_step * dz_up[i])
             bounds += 1
-    return total / max(bounds, 1)
+    return total / bounds if bounds else 0.0
 
 
 @kernel
