@@ -71,11 +71,10 @@ def factorise(  # type: ignore[no-untyped-def]
                 huu[k, i, j] = weight
                 for p in range(size_x):
                     scratch[i, p] += 0.5 * weight * slopes[k, j, p]
-        for p in range(size_x):
-            width = size_s if p < size_s else size_x
+        for p in range(size_x):  # from here on the lower triangle is enough
             for i in range(n):
                 left, right = slopes[k, i, p], scratch[i, p]
-                for j in range(width):
+                for j in range(p + 1):
                     frame[p, j] += left * scratch[i, j] + right * slopes[k, i, j]
         if not _eliminate_knot(frame, fixed, base + 2 * n, n, gains[k], chols[k], value):
             return -1.0
@@ -117,12 +116,14 @@ def _eliminate_knot(frame, fixed, at, n, gain, chol, value):  # type: ignore[no-
         for p in range(size_s):
             gain[i, p] *= factor
     for p in range(size_s):
-        for j in range(size_s):
+        for j in range(p + 1):
             value[p, j] = frame[p, j]
         for i in range(n):
             factor = gain[i, p]
-            for j in range(size_s):
+            for j in range(p + 1):
                 value[p, j] -= factor * gain[i, j]
+        for j in range(p):
+            value[j, p] = value[p, j]
     for i in range(n - 1, -1, -1):  # K = L⁻ᵀ W
         for m in range(i + 1, n):
             factor = chol[m, i]
