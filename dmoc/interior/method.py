@@ -219,7 +219,7 @@ class _Run:
             ))  # fmt: skip
 
         if self.rule.choose(
-            self.objective, self.theta, mean_product, error, self._barrier_error, mean_after
+            self.objective, self.theta, mean_product, self._barrier_error, mean_after
         ):
             self.filter.clear()
         if self._search(error):
