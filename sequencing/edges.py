@@ -110,6 +110,7 @@ class StationEdges:
         self.held_out: set[tuple[int, int]] = set()
         self.num_training = 0
         self._bounds: Array | None = None
+        self._estimates: Array | None = None
         self._fingerprint = context_fingerprint(station, method)
         self._folder = tempfile.TemporaryDirectory(prefix="dmoc-")
         self._context = write_context(station, Path(self._folder.name))
@@ -129,11 +130,11 @@ class StationEdges:
 
     def estimate(self, pairs: Pairs) -> Array:
         """Estimates (K,): learned where `train` has run, else the straight line's cost."""
-        rows = self._rows(pairs)
-        rough = self._rough.cost[rows]
-        if self.learned is None:
-            return rough
-        return self.learned.predict(self._features[rows], rough)
+        if self._estimates is None:
+            rough = self._rough.cost
+            learned = self.learned
+            self._estimates = rough if learned is None else learned.predict(self._features, rough)
+        return self._estimates[self._rows(pairs)]
 
     def evaluate(self, pairs: Pairs) -> Array:
         """Solved costs (K,) at screening quality; inf where no certified motion exists."""
@@ -225,6 +226,7 @@ class StationEdges:
         self.learned = fit_estimate(
             self._features[rows], self._rough.cost[rows], solved[: len(fit)], judged, self.seed
         )
+        self._estimates = None
         return self.learned
 
     def _draws(self) -> Array:

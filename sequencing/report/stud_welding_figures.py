@@ -7,6 +7,7 @@ import io
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from sequencing.report.curves import COLOURS
 from sequencing.report.paper import paper_tables
@@ -32,6 +33,9 @@ def draw_weld_costs(axes: Axes, study: StudWeldingStudy) -> None:
                   label="paper (another station)" if x == 0 else None)  # fmt: skip
     axes.set_xticks(place, [row.stud for row in study.studs], rotation=90)
     axes.set(ylabel="weld cost over the poses", yscale="log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.legend()
 
 

@@ -67,8 +67,10 @@ def summary(study: StudWeldingStudy) -> str:
 def _near(study: StudWeldingStudy) -> str:
     if not study.near_totals:
         return ""
+    if len(study.near_totals) == 1:
+        return f" One at most {NEAR_PERCENT:g} % slower costs {number(study.near_totals[0])}."
     return (
-        f" Sequences at most {NEAR_PERCENT:g} % slower ({len(study.near_totals)} drawn) cost "
+        f" {len(study.near_totals)} sequences at most {NEAR_PERCENT:g} % slower cost "
         f"{number(min(study.near_totals))} to {number(max(study.near_totals))}."
     )
 
@@ -91,10 +93,11 @@ def table_1(study: StudWeldingStudy) -> str:
         ])  # fmt: skip
     low = sum(row.lowest_cost for row in study.studs)
     high = sum(row.highest_cost for row in study.studs)
+    others = "" if len(paper) == len(study.studs) else f" ({len(paper)} studs)"
     rows.append([
         "all", str(sum(row.alternatives for row in study.studs)),
-        f"[{number(low)}, {number(high)}]", str(sum(row[1] for row in paper)),
-        f"[{number(sum(row[2] for row in paper))}, {number(sum(row[3] for row in paper))}]",
+        f"[{number(low)}, {number(high)}]", f"{sum(row[1] for row in paper)}{others}",
+        f"[{number(sum(row[2] for row in paper))}, {number(sum(row[3] for row in paper))}]{others}",
     ])  # fmt: skip
     theirs_low, theirs_high = sum(row[2] for row in paper), sum(row[3] for row in paper)
     published = paper_tables()
@@ -112,7 +115,8 @@ def table_1(study: StudWeldingStudy) -> str:
         f"\n\nBetween the sum of the cheapest poses (0 %) and of the dearest (100 %) the welding "
         f"of the old sequence stands at {number(standing[0])} %, of the new at "
         f"{number(standing[1])} %; in the paper at {number(standing[2])} % and "
-        f"{number(standing[3])} %."
+        f"{number(standing[3])} %. The paper's station is another one: the columns stand side by "
+        "side for the pattern, not stud for stud."
     )
 
 
