@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 __all__ = ["BarrierRule"]
 
 SMALLEST_MU = 1e-11
+# Least μ per tolerance: smaller would only make the condensed system stiff, z²/μ on its diagonal.
+_SHARE_OF_TOLERANCE = 1e-4
 _LARGEST_SIGMA = 100.0
 _LARGEST_FACTOR = 1e3
 _MARGIN = 1e-5
@@ -22,16 +24,22 @@ _FIXED_SHARE = 0.8
 
 @dataclass
 class BarrierRule:
-    """μ of one solve, at most `largest`; `free` while the probing rule holds.
+    """μ of one solve between `least` and `largest`; `free` while the probing rule holds.
 
     `pairs` are those (objective, Σ|defect|) of accepted points that no later one may exceed in
     both while the rule holds.
     """
 
+    least: float = SMALLEST_MU
     free: bool = True
     mu: float = 0.0
     largest: float = 0.0
     pairs: list[tuple[float, float]] = field(default_factory=list)
+
+    @classmethod
+    def for_tolerance(cls, tolerance: float) -> BarrierRule:
+        """The rule of a solve to `tolerance`."""
+        return cls(max(SMALLEST_MU, _SHARE_OF_TOLERANCE * tolerance))
 
     def choose(
         self,
@@ -47,7 +55,7 @@ class BarrierRule:
         affine step.
         """
         if self.largest == 0.0:
-            self.largest = _LARGEST_FACTOR * max(mean_product, SMALLEST_MU)
+            self.largest = _LARGEST_FACTOR * max(mean_product, self.least)
         progress = all(objective <= f or theta <= t for f, t in self.pairs)
         if progress:
             margin = _MARGIN * min(1.0, theta)
@@ -59,15 +67,15 @@ class BarrierRule:
         if self.free:
             sigma = min((mean_after() / mean_product) ** 3, _LARGEST_SIGMA) if mean_product else 1.0
             # A larger least μ far from an optimum was tried: near flat ones it never ends.
-            self.mu = min(max(sigma * mean_product, SMALLEST_MU), self.largest)
+            self.mu = min(max(sigma * mean_product, self.least), self.largest)
             return True
         changed = False
-        while self.mu > SMALLEST_MU and error_at(self.mu) <= _SOLVED_FACTOR * self.mu:
-            self.mu = max(SMALLEST_MU, min(_LINEAR * self.mu, self.mu**_POWER))
+        while self.mu > self.least and error_at(self.mu) <= _SOLVED_FACTOR * self.mu:
+            self.mu = max(self.least, min(_LINEAR * self.mu, self.mu**_POWER))
             changed = True
         return changed
 
     def fix(self, mean_product: float) -> None:
         """Leave the probing rule."""
         self.free = False
-        self.mu = min(max(_FIXED_SHARE * mean_product, SMALLEST_MU), self.largest)
+        self.mu = min(max(_FIXED_SHARE * mean_product, self.least), self.largest)

@@ -130,7 +130,7 @@ class _Run:
         self.grad, self.pull = np.zeros(self.size), np.zeros(self.size)
         self.sigma, self.inwards = np.zeros(total), np.zeros(total)
         self.slopes = np.zeros(len(oracle.slopes))
-        self.rule = BarrierRule()
+        self.rule = BarrierRule.for_tolerance(limits.tolerance)
         system.restart()
         self._begin(start)
         self.filter = Filter(self.theta)

@@ -22,8 +22,8 @@ from dmoc.interior.jit import kernel
 
 __all__ = ["factorise", "solve"]
 
-# A pivot below this share of its diagonal counts as not positive.
-SMALLEST_PIVOT = 1e-13
+# A pivot below this share of its diagonal is rounding and counts as not positive.
+SMALLEST_PIVOT = 1e-15
 
 
 @kernel
