@@ -18,7 +18,7 @@ from sequencing.edges import StationEdges
 from sequencing.estimates import travel_time
 from sequencing.nodes import StationNodes
 
-__all__ = ["TimedSequence", "time_based_sequences", "time_costs"]
+__all__ = ["TimedSequence", "middle_place", "time_based_sequences", "time_costs"]
 
 # Perturbation that chooses among tied sequences; far below any difference that matters.
 TIE_BREAK = 1e-7
@@ -39,6 +39,12 @@ def time_costs(station: Station, nodes: StationNodes) -> Array:
     """Approximate travel times (V, V) [s] between all nodes."""
     q = nodes.q_rad
     return travel_time(station.robot, q[:, None, :], q[None, :, :])
+
+
+def middle_place(count: int) -> int:
+    """Place of the median of `count` sorted costs; of an even number the cheaper of the middle two,
+    so that the old method never looks worse than it is."""
+    return max(0, count - 1) // 2
 
 
 def time_based_sequences(oracle: StationEdges, count: int, seed: int) -> tuple[TimedSequence, ...]:

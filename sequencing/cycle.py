@@ -21,7 +21,7 @@ from planning.check import check_home
 from planning.station import Station
 from planning.world import CollisionWorld
 from sequencing import gtsp
-from sequencing.baseline import TimedSequence, time_based_sequences
+from sequencing.baseline import TimedSequence, middle_place, time_based_sequences
 from sequencing.cycle_types import (
     Cycle,
     CycleCost,
@@ -358,7 +358,7 @@ def _tables(
         (_final_cost(oracle, sequence) for sequence in old), key=lambda cost: cost.total
     ) or [best.cost]  # fmt: skip
     totals = tuple(cost.total for cost in costs)
-    return Tables(tuple(rows), costs[len(costs) // 2], totals, best.cost)
+    return Tables(tuple(rows), costs[middle_place(len(costs))], totals, best.cost)
 
 
 def _final_cost(oracle: StationEdges, sequence: TimedSequence) -> CycleCost:

@@ -81,8 +81,8 @@ class StudRow:
 class Tables:
     """Table 1 (per stud) and Table 2: old (time-based) against new (cost-based) sequence.
 
-    `time_based` is the median total of `time_based_totals`, the costs of several sequences that
-    all minimise the approximate travel time (they tie).
+    `time_based` is the median total of `time_based_totals` (of an even number the cheaper of the
+    middle two), the costs of several sequences that all minimise the approximate travel time.
     """
 
     studs: tuple[StudRow, ...]

@@ -150,7 +150,8 @@ def table_2(result: Result) -> str:
     if len(totals) > 1:
         spread = (
             f" Sequences of least time tie: of {len(totals)} such sequences the totals range from "
-            f"{number(min(totals))} to {number(max(totals))}; the table shows the median one."
+            f"{number(min(totals))} to {number(max(totals))}; the table shows the median "
+            "one (of an even number the cheaper of the middle two)."
         )
     return (
         markdown_table(header, rows)

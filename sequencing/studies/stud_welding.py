@@ -17,7 +17,12 @@ from dmoc.yaml_file import read_yaml
 from planning.alternatives_search import alternatives
 from planning.station import Station, demo_station
 from planning.world import CollisionWorld
-from sequencing.baseline import TimedSequence, time_based_sequences, time_costs
+from sequencing.baseline import (
+    TimedSequence,
+    middle_place,
+    time_based_sequences,
+    time_costs,
+)
 from sequencing.cycle import NoCycle, PlanEvent, PlanStop, execute, plan_station
 from sequencing.cycle_types import Cycle, StudRow, Tables
 from sequencing.edges import StationEdges
@@ -127,7 +132,7 @@ def _study(
     edges, home = model.edges, model.nodes.home
     assert isinstance(edges, StationEdges)
     table = square(model.nodes, edges.estimate)
-    middle = len(drawn) // 2
+    middle = middle_place(len(drawn))
     old = from_home(drawn[middle].nodes, home)
     new = from_home(cycle.tour.nodes, home)
     bench.tell("final motions of the old sequence")

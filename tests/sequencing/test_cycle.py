@@ -20,6 +20,7 @@ from planning.alternatives_search import alternatives
 from planning.station import Station, demo_station
 from planning.world import CollisionWorld
 from sequencing import gtsp
+from sequencing.baseline import middle_place
 from sequencing.cycle import NoCycle, PlanStop, plan_station
 from sequencing.cycle_types import Cycle
 from sequencing.edges import StationEdges
@@ -133,6 +134,12 @@ def test_new_is_no_worse_than_old_and_bounds_hold(cycle) -> None:
     assert cycle.tables.energy_based.total <= cycle.tables.time_based.total * 1.01
     assert cycle.search.bound_is_proven
     assert cycle.search.lower_bound <= cycle.tour.cost * (1 + 1e-9)
+
+
+def test_the_old_method_never_looks_worse_than_its_median(cycle) -> None:
+    assert [middle_place(count) for count in range(1, 7)] == [0, 0, 1, 1, 2, 2]
+    totals = sorted(cycle.tables.time_based_totals)
+    assert cycle.tables.time_based.total == totals[middle_place(len(totals))]
 
 
 def test_a_second_run_solves_nothing_and_gives_the_same_bytes(
