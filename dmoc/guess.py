@@ -140,6 +140,10 @@ def _torques(robot: Robot, knots: Array, step: float) -> Array:
 
 @lru_cache(maxsize=64)
 def _mapped_inverse_dynamics(arm: ArmModel, copies: int) -> ca.Function:
+    return _inverse_dynamics(arm).map(copies)
+
+
+@lru_cache(maxsize=64)
+def _inverse_dynamics(arm: ArmModel) -> ca.Function:
     q, v, a = (ca.SX.sym(name, arm.num_joints) for name in ("q", "v", "a"))
-    tau = inverse_dynamics(arm, q, v, a)
-    return ca.Function("inverse_dynamics", [q, v, a], [tau]).map(copies)
+    return ca.Function("inverse_dynamics", [q, v, a], [inverse_dynamics(arm, q, v, a)])
