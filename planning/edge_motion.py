@@ -202,7 +202,7 @@ def seed_paths(
     for attempt in range(params.num_paths):
         result = plan_path(
             clearance, start, goal, seed=seed + 1000 * attempt, inflation_m=params.inflation_m,
-            max_iterations=params.max_iterations,
+            max_iterations=params.max_iterations, planner="ompl",
         )  # fmt: skip
         if result.path is None:
             yield result
@@ -220,6 +220,6 @@ def seed_paths(
 
 def _without_path(result: PathResult) -> Motion:
     note = result.note
-    if result.pair is not None:
+    if result.pair is not None and result.status is Status.IN_COLLISION:
         note = f"{note}: {result.pair[0]} - {result.pair[1]}"
     return Motion(result.status, "refined", None, float("inf"), note=note)

@@ -1,9 +1,12 @@
-"""One collision-free path, by OMPL's RRTConnect and shortcuts; the only importer of ompl."""
+"""One collision-free path, by RRTConnect and shortcuts: compiled, or OMPL's.
+
+The only importer of ompl.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from ompl import base as ob
@@ -15,8 +18,10 @@ from dmoc.status import Status
 from dmoc.trajectory import JointPath
 from planning.certificate import prove_path
 from planning.edge_clearance import EdgeClearance
+from planning.kernels.segment import segment_contact
 from planning.scene import Scope
 from planning.shortcut import shortcut
+from planning.tree_search import shortened, tree_path
 
 if TYPE_CHECKING:
     from planning.world import CollisionWorld
@@ -27,14 +32,16 @@ ou.setLogLevel(ou.LOG_NONE)
 
 RANGE_M = 0.3
 
+Planner = Literal["native", "ompl"]
+
 
 @dataclass(frozen=True)
 class PathResult:
     """A path or the reason why there is none.
 
     `status` is converged, in_collision (`pair` touches at the end that `note` names) or no_path
-    (budget used up; also with a limit violated, see `note`). `checks` counts segment checks and
-    `iterations` the planner's own.
+    (budget used up: `pair` was in the way most often; also with a limit violated, see `note`).
+    `checks` counts segment checks and `iterations` the planner's own.
     """
 
     status: Status
@@ -56,6 +63,7 @@ def plan_path(
     attempts: int = 6,
     shortcut_tries: int = 80,
     step_m: float = 0.07,
+    planner: Planner = "native",
 ) -> PathResult:
     """A path from start to goal (n,) on which all bodies stay farther apart than proven.
 
@@ -68,6 +76,8 @@ def plan_path(
     Stops by iterations: each attempt has `max_iterations` of the planner. `step_m` is how far a
     typical robot point may move between two checked points of the first attempt. Joint
     coordinates are scaled by the joints' mean reach, so that the planner's metric is in metres.
+    `planner` is the compiled one, or OMPL's, which also serves worlds of another engine than
+    "native".
     """
     edge = clearance if isinstance(clearance, EdgeClearance) else clearance.clearance()
     world = edge.world
@@ -87,15 +97,15 @@ def plan_path(
             return PathResult(Status.IN_COLLISION, None, pair, f"{name} in collision")
     growth = _growth(edge, np.stack([start, goal]), inflation_m)
     iterations = checks = 0
+    blocked = np.zeros(len(growth), dtype=np.int64)
+    native = planner == "native" and world.engine == "native"
+    search: _Search | _Compiled
     for attempt in range(attempts):
-        search = _Search(edge, edge.scope.grown(growth), step_m)
+        search = (_Compiled if native else _Search)(edge, edge.scope.grown(growth), step_m)
         found = search.run(start, goal, seed + attempt, max_iterations)
         iterations += search.iterations
         if found is not None:
-            short = shortcut(
-                found, search.is_free, scale=world.scene.lever_m, tries=shortcut_tries,
-                seed=seed + attempt,
-            )  # fmt: skip
+            short = search.shorten(found, seed + attempt, shortcut_tries)
             checks += search.checks
             for path in (short, found):
                 if prove_path(edge, path):
@@ -106,8 +116,15 @@ def plan_path(
         else:
             checks += search.checks
             growth *= 0.5
+            blocked += search.blocked
     note = f"no path within {attempts} attempts of {max_iterations} iterations"
-    return PathResult(Status.NO_PATH, None, None, note, iterations, checks)
+    pair = None
+    if blocked.any():
+        # By bodies: one that consists of many pieces is in the way with any of them.
+        bodies = np.bincount(world.scene.pairs.body, weights=blocked)
+        pair = world.pairs[int(bodies.argmax())]
+        note += f", most often in the way: {pair[0]} - {pair[1]}"
+    return PathResult(Status.NO_PATH, None, pair, note, iterations, checks)
 
 
 def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:
@@ -121,19 +138,59 @@ def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:
     return growth
 
 
+class _Compiled:
+    """One run of the compiled trees; counts what it asks."""
+
+    def __init__(self, edge: EdgeClearance, scope: Scope, step_m: float) -> None:
+        self.scene, self.robot = edge.world.scene, edge.world.robot
+        self.scan = self.scene.scan(step_m, 0.0, scope)
+        self.iterations = self.checks = 0
+        self.blocked = np.zeros(len(scope.pairs.body), dtype=np.int64)
+
+    def run(self, start: Array, goal: Array, seed: int, max_iterations: int) -> Array | None:
+        """Knots (K, n), or None."""
+        self.checks += 1
+        hit = segment_contact(self.scan, start, goal, True)
+        if hit < 0:
+            return np.stack([start, goal])
+        self.blocked[hit] += 1
+        found = tree_path(
+            self.scan, start, goal, limits=(self.robot.q_lower_rad, self.robot.q_upper_rad),
+            scale=self.scene.lever_m, reach_m=RANGE_M, seed=seed, max_iterations=max_iterations,
+        )  # fmt: skip
+        self.iterations, self.checks = found.iterations, self.checks + found.checks
+        self.blocked += found.blocked
+        return found.q_rad
+
+    def shorten(self, path: Array, seed: int, tries: int) -> Array:
+        """`path` made short."""
+        if len(path) == 2:
+            return path
+        short, checks = shortened(self.scan, path, scale=self.scene.lever_m, tries=tries, seed=seed)
+        self.checks += checks
+        return short
+
+
 class _Search:
-    """One run of RRTConnect; counts what it asks."""
+    """One run of OMPL's RRTConnect; counts what it asks."""
 
     def __init__(self, edge: EdgeClearance, scope: Scope, step_m: float) -> None:
         self.edge, self.scene = edge, edge.world.scene
-        self.scope, self.step_m = scope, step_m
+        self.check = self.scene.segment_check(step_m, 0.0, scope)
         self.iterations = self.checks = 0
+        self.blocked = np.zeros(len(scope.pairs.body), dtype=np.int64)
 
     def is_free(self, q0: Array, q1: Array) -> bool:
         """Whether the checked points of a segment are free."""
         self.checks += 1
-        hit = self.scene.segment_contact(q0, q1, self.step_m, 0.0, self.scope)
+        hit = self.check(q0, q1)
+        if hit >= 0:
+            self.blocked[hit] += 1
         return hit < 0
+
+    def shorten(self, path: Array, seed: int, tries: int) -> Array:
+        """`path` made short."""
+        return shortcut(path, self.is_free, scale=self.scene.lever_m, tries=tries, seed=seed)
 
     def run(self, start: Array, goal: Array, seed: int, max_iterations: int) -> Array | None:
         """Knots (K, n) of an exact solution, or None."""
@@ -153,8 +210,11 @@ class _Search:
         def valid(_: ob.State) -> bool:
             return True  # the ends are known to be free; segments check both of theirs
 
+        q0, q1 = np.empty(n), np.empty(n)
+
         def motion(first: ob.State, second: ob.State) -> bool:
-            return self.is_free(np.array(first[0:n]) / scale, np.array(second[0:n]) / scale)
+            q0[:], q1[:] = first[0:n], second[0:n]
+            return self.is_free(q0 / scale, q1 / scale)
 
         def enough() -> bool:
             self.iterations += 1

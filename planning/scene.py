@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError, ProblemError
@@ -16,8 +17,9 @@ from planning.engines.base import Engine, PairDistance
 from planning.engines.coal_engine import CoalEngine
 from planning.engines.fcl_engine import FclEngine
 from planning.kernels import scene as kernels
-from planning.kernels.contact import first_contacts, segment_contact
+from planning.kernels.contact import first_contacts
 from planning.kernels.depth import grown_workspace
+from planning.kernels.segment import Scan, known_workspace, segment_contact
 from planning.never import pairs_that_never_touch
 from planning.packed import Pairs, pack_chain, pack_pairs, pack_solids, workspace
 from planning.pairs import checked_pairs
@@ -94,6 +96,7 @@ class Scene:
         self.pairs = pack_pairs(pieces, self.body_pairs, pair_clearance_m)
         self.work = workspace(len(self.chain.info), len(pieces), len(self.pairs.body))
         self.grown = grown_workspace()
+        self.known = known_workspace(len(self.pairs.body))
         self.engine_name = engine
         self.engine: Engine = FclEngine(pieces) if engine == "fcl" else CoalEngine(pieces)
         self.touching = tuple(m.body.name for m in tools if m.body.touches)
@@ -168,21 +171,42 @@ class Scene:
         The points are so close that a typical robot point moves `step_m` between two of them:
         a planner's check, not a proof.
         """
-        parts = max(1, int(np.ceil(float(np.abs(q1 - q0) @ self.lever_m) / step_m)))
         if self.engine_name == "native":
-            q0, q1 = np.array(q0, dtype=float), np.array(q1, dtype=float)
-            return int(
-                segment_contact(
-                    self.chain, self.solids, scope.pairs, self.pose, self.moving, q0, q1, parts,
-                    inflation_m, self.tip, scope.lines, scope.exempt, scope.inside, self.work,
-                )
-            )  # fmt: skip
+            return int(self.segment_check(step_m, inflation_m, scope)(q0, q1))
+        parts = max(1, int(np.ceil(float(np.abs(q1 - q0) @ self.lever_m) / step_m)))
         t = np.linspace(0.0, 1.0, parts + 1)[1:, None]
         for q in q0 + t * (q1 - q0):
             hit = int(self.first_contacts(q[None], inflation_m, scope)[0])
             if hit >= 0:
                 return hit
         return -1
+
+    def segment_check(
+        self, step_m: float, inflation_m: float, scope: Scope
+    ) -> Callable[[ArrayLike, ArrayLike], int]:
+        """`segment_contact` of two configurations, made ready for many calls."""
+        if self.engine_name != "native":
+            return lambda q0, q1: self.segment_contact(
+                np.asarray(q0, dtype=float), np.asarray(q1, dtype=float), step_m, inflation_m, scope
+            )
+        scan = self.scan(step_m, inflation_m, scope)
+        first, last = np.empty(self.num_joints), np.empty(self.num_joints)
+
+        def check(q0: ArrayLike, q1: ArrayLike) -> int:
+            first[:], last[:] = q0, q1
+            hit: int = segment_contact(scan, first, last, False)
+            return hit
+
+        return check
+
+    def scan(self, step_m: float, inflation_m: float, scope: Scope) -> Scan:
+        """What the kernels ask of a segment; forgets which pairs touched lately."""
+        self.known.recent[:] = -1
+        return Scan(
+            self.chain, self.solids, scope.pairs, self.pose, self.moving, float(inflation_m),
+            self.lever_m / step_m, self.tip, scope.lines, scope.exempt, scope.inside, self.work,
+            self.known,
+        )  # fmt: skip
 
     def smallest(self, q: Array, cap_m: float, scope: Scope) -> tuple[Array, npt.NDArray[np.int64]]:
         """Smallest distance (K,) capped at `cap_m` and its piece pair (K,), −1 for none."""

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import inner, kernel
+from planning.jit import plain_inner, plain_kernel
 
 __all__ = [
-    "ball_reach", "joint_poses", "place_pieces", "point_gradient", "reach_of_piece",
+    "ball_reach", "joint_poses", "place_piece", "place_pieces", "point_gradient", "reach_of_piece",
     "relative_motion", "weight_of_piece",
 ]  # fmt: skip
 
 
-@kernel
+@plain_kernel
 def joint_poses(info: Any, frame: Any, q: Any, out: Any) -> None:
     """T_world_joint as rows (R row-major, t) in `out` (J, 12) and world axes in `out[:, 12:15]`.
 
@@ -52,30 +52,29 @@ def joint_poses(info: Any, frame: Any, q: Any, out: Any) -> None:
             out[j, 9 + r] = t
 
 
-@inner
-def place_piece(joints: Any, j: int, frame: Any, p: int, pose: Any) -> None:
-    """T_world_piece = T_world_joint T_joint_piece into `pose[p]` (12,)."""
+@plain_inner
+def place_piece(joints: Any, j: int, frame: Any, size: Any, p: int, pose: Any) -> None:
+    """T_world_piece = T_world_joint T_joint_piece into `pose[p]`; 12:15 get the ball's centre."""
     for r in range(3):
         a, b, c = joints[j, 3 * r], joints[j, 3 * r + 1], joints[j, 3 * r + 2]
         for k in range(3):
             pose[p, 3 * r + k] = a * frame[p, k] + b * frame[p, 3 + k] + c * frame[p, 6 + k]
         pose[p, 9 + r] = joints[j, 9 + r] + (a * frame[p, 9] + b * frame[p, 10] + c * frame[p, 11])
+        pose[p, 12 + r] = pose[p, 9 + r] + (
+            pose[p, 3 * r] * size[p, 6]
+            + pose[p, 3 * r + 1] * size[p, 7]
+            + pose[p, 3 * r + 2] * size[p, 8]
+        )
 
 
-@inner
+@plain_inner
 def place_pieces(joints: Any, info: Any, frame: Any, size: Any, moving: int, pose: Any) -> None:
-    """Poses of pieces 0 … moving−1 in `pose` (P, 15); columns 12:15 hold the ball's centre."""
+    """Poses of pieces 0 … moving−1 in `pose` (P, 15)."""
     for p in range(moving):
-        place_piece(joints, info[p, 0], frame, p, pose)
-        for r in range(3):
-            pose[p, 12 + r] = pose[p, 9 + r] + (
-                pose[p, 3 * r] * size[p, 6]
-                + pose[p, 3 * r + 1] * size[p, 7]
-                + pose[p, 3 * r + 2] * size[p, 8]
-            )
+        place_piece(joints, info[p, 0], frame, size, p, pose)
 
 
-@kernel
+@plain_kernel
 def point_gradient(
     joints: Any, info: Any, above: Any, joint: int, x: float, y: float, z: float,
     nx: float, ny: float, nz: float, sign: float, out: Any,
@@ -93,7 +92,7 @@ def point_gradient(
         out[j - 1] += sign * (nx * dx + ny * dy + nz * dz)
 
 
-@inner
+@plain_inner
 def _corner(pose: Any, size: Any, p: int, k: int) -> tuple[float, float, float]:
     """Corner k (0–7) of the box around piece p, in the world."""
     u = size[p, 6] + (size[p, 9] if k & 1 else -size[p, 9])
@@ -106,7 +105,7 @@ def _corner(pose: Any, size: Any, p: int, k: int) -> tuple[float, float, float]:
     )
 
 
-@inner
+@plain_inner
 def reach_of_piece(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, size: Any, p: int, out: Any
 ) -> None:
@@ -134,7 +133,7 @@ def reach_of_piece(
             out[j - 1] = np.sqrt(out[j - 1])
 
 
-@inner
+@plain_inner
 def ball_reach(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, radius: float, p: int, out: Any
 ) -> None:
@@ -154,7 +153,7 @@ def ball_reach(
         out[j - 1] = np.sqrt(dx * dx + dy * dy + dz * dz) + radius
 
 
-@kernel
+@plain_kernel
 def relative_motion(above: Any, ja: int, jb: int, ra: Any, rb: Any, delta: Any) -> float:
     """Σ_j R_j δ_j over the joints that move one of two pieces and not both [m].
 
@@ -170,7 +169,7 @@ def relative_motion(above: Any, ja: int, jb: int, ra: Any, rb: Any, delta: Any) 
     return total
 
 
-@inner
+@plain_inner
 def weight_of_piece(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, size: Any, p: int, out: Any
 ) -> None:

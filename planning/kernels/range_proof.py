@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from planning.jit import kernel
+from planning.jit import plain_kernel
 from planning.kernels.gjk import FAR, clearly_farther, gjk
 from planning.kernels.kinematics import joint_poses, place_piece, reach_of_piece, relative_motion
 
 __all__ = ["never_touch"]
 
 
-@kernel
+@plain_kernel
 def never_touch(
     chain: Any, solids: Any, pose: Any, a: int, b: int, lower: Any, upper: Any, least: float,
     most_cells: int, work: Any, stack: Any,
@@ -48,7 +48,7 @@ def never_touch(
             q[j], delta[j] = stack[depth, 0, j], stack[depth, 1, j]
         joint_poses(chain.info, chain.frame, q, joints)
         for p in (a, b):
-            place_piece(joints, info[p, 0], solids.frame, p, pose)
+            place_piece(joints, info[p, 0], solids.frame, solids.size, p, pose)
             for r in range(3):
                 pose[p, 12 + r] = pose[p, 9 + r] + (
                     pose[p, 3 * r] * size[p, 6]

@@ -1,0 +1,88 @@
+"""RRT-Connect and shortcuts in compiled code: a path in milliseconds, for the engine `native`."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from dmoc.arrays import Array
+from planning.kernels.segment import Scan
+from planning.kernels.tree import grow_trees, shorten
+
+__all__ = ["TreePath", "shortened", "tree_path"]
+
+#: Nodes of one tree at most.
+MOST_NODES = 20_000
+
+
+class TreePath(NamedTuple):
+    """Knots (K, n) or None, iterations of the planner, checked segments, and how often each piece
+    pair was in the way (M,).
+    """
+
+    q_rad: Array | None
+    iterations: int
+    checks: int
+    blocked: npt.NDArray[np.int64]
+
+
+def tree_path(
+    scan: Scan,
+    start: Array,
+    goal: Array,
+    *,
+    limits: tuple[Array, Array],
+    scale: Array,
+    reach_m: float,
+    seed: int,
+    max_iterations: int,
+) -> TreePath:
+    """A path from start to goal (n,) within `limits`, by at most so many random configurations.
+
+    `reach_m` is how far a tree grows in one step, in the metric Σ (scale_j Δq_j)². Same seed, same
+    path, wherever it runs.
+    """
+    n = len(start)
+    lower, upper = (np.asarray(side, dtype=float) for side in limits)
+    drawn = lower + np.random.default_rng(seed).random((max_iterations, n)) * (upper - lower)
+    nodes = np.empty((2, MOST_NODES, n))
+    nodes[0, 0], nodes[1, 0] = start, goal
+    parent = np.empty((2, MOST_NODES), dtype=np.int64)
+    parent[:, 0] = -1
+    blocked = np.zeros(len(scan.pairs.body), dtype=np.int64)
+    count, meeting = np.ones(2, dtype=np.int64), np.empty(2, dtype=np.int64)
+    iterations, checks = grow_trees(
+        scan, np.asarray(scale, dtype=float), reach_m, drawn, nodes, parent, count, meeting,
+        blocked,
+    )  # fmt: skip
+    if meeting[0] < 0:
+        return TreePath(None, int(iterations), int(checks), blocked)
+    ways = []
+    for tree in (0, 1):
+        way, at = [], int(meeting[tree])
+        while at >= 0:
+            way.append(nodes[tree, at])
+            at = int(parent[tree, at])
+        ways.append(way)
+    path = np.array([*ways[0][::-1], *ways[1][1:]])
+    return TreePath(path, int(iterations), int(checks), blocked)
+
+
+def shortened(
+    scan: Scan, path: Array, *, scale: Array, tries: int, seed: int, patience: int = 25
+) -> tuple[Array, int]:
+    """`path` (K, n) made short by straight segments that stay free, and the checks that took.
+
+    As `planning.shortcut`, for a path whose two ends are known not to see each other.
+    """
+    count, n = path.shape
+    drawn = np.sort(np.random.default_rng(seed).random((tries, 2)), axis=1)
+    room = np.empty((count + 2 * tries + 2, n))
+    room[:count] = path
+    kept, checks = shorten(
+        scan, np.asarray(scale, dtype=float), room, count, drawn, patience, np.empty(len(room)),
+        np.empty((2, n)),
+    )  # fmt: skip
+    return room[:kept].copy(), int(checks)
