@@ -18,7 +18,7 @@ from sequencing.edges import StationEdges
 from sequencing.estimates import travel_time
 from sequencing.nodes import StationNodes
 
-__all__ = ["TimedSequence", "middle_place", "time_based_sequences", "time_costs"]
+__all__ = ["TimedSequence", "middle_place", "time_based_sequences", "time_costs", "undirected"]
 
 # Perturbation that chooses among tied sequences; far below any difference that matters.
 TIE_BREAK = 1e-7
@@ -41,6 +41,14 @@ def time_costs(station: Station, nodes: StationNodes) -> Array:
     return travel_time(station.robot, q[:, None, :], q[None, :, :])
 
 
+def undirected(nodes: tuple[int, ...]) -> tuple[int, ...]:
+    """The same for a cycle wherever it begins and whichever way it goes: both ways cost the same
+    time and the same J."""
+    first = nodes.index(min(nodes))
+    there = nodes[first:] + nodes[:first]
+    return min(there, (there[0], *reversed(there[1:])))
+
+
 def middle_place(count: int) -> int:
     """Place of the median of `count` sorted costs; of an even number the cheaper of the middle two,
     so that the old method never looks worse than it is."""
@@ -48,7 +56,8 @@ def middle_place(count: int) -> int:
 
 
 def time_based_sequences(oracle: StationEdges, count: int, seed: int) -> tuple[TimedSequence, ...]:
-    """`count` sequences of (tied) least travel time, costed with solved motions, cheapest first.
+    """Different ones of `count` drawn sequences of (tied) least travel time, costed with solved
+    motions, cheapest first.
 
     Travels that turn out to have no motion are forbidden and the sequence is found again, as a
     planner-in-the-loop sequencer does. Sequences that are not tied with the fastest are dropped.
@@ -61,7 +70,7 @@ def time_based_sequences(oracle: StationEdges, count: int, seed: int) -> tuple[T
         noise = 1.0 + TIE_BREAK * rng.random(times.shape)
         sequence = _sequence(oracle, times, times * np.maximum(noise, noise.T), seed + draw)
         if sequence is not None:
-            found[sequence.nodes] = sequence
+            found.setdefault(undirected(sequence.nodes), sequence)
     if not found:
         return ()
     fastest = min(sequence.time_s for sequence in found.values())

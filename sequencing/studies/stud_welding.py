@@ -22,6 +22,7 @@ from sequencing.baseline import (
     middle_place,
     time_based_sequences,
     time_costs,
+    undirected,
 )
 from sequencing.cycle import NoCycle, PlanEvent, PlanStop, execute, plan_station
 from sequencing.cycle_types import Cycle, StudRow, Tables
@@ -186,7 +187,7 @@ def _near_totals(model: Model, least_s: float, count: int) -> tuple[float, ...]:
         cost = model.cost_of(cycle)
         time = float(np.sum(times[pairs[:, 0], pairs[:, 1]]))
         if cost is not None and time <= least_s * (1.0 + NEAR_PERCENT / 100.0):
-            found[cycle] = cost.total
+            found[undirected(cycle)] = cost.total
     return tuple(sorted(found.values()))
 
 

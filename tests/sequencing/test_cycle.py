@@ -20,7 +20,7 @@ from planning.alternatives_search import alternatives
 from planning.station import Station, demo_station
 from planning.world import CollisionWorld
 from sequencing import gtsp
-from sequencing.baseline import middle_place
+from sequencing.baseline import middle_place, undirected
 from sequencing.cycle import NoCycle, PlanStop, plan_station
 from sequencing.cycle_types import Cycle
 from sequencing.edges import StationEdges
@@ -140,6 +140,13 @@ def test_the_old_method_never_looks_worse_than_its_median(cycle) -> None:
     assert [middle_place(count) for count in range(1, 7)] == [0, 0, 1, 1, 2, 2]
     totals = sorted(cycle.tables.time_based_totals)
     assert cycle.tables.time_based.total == totals[middle_place(len(totals))]
+
+
+def test_a_cycle_driven_backwards_is_no_other_sequence() -> None:
+    way = (4, 7, 1, 9)
+    assert undirected(way) == undirected((1, 9, 4, 7)) == undirected((9, 1, 7, 4)) == (1, 7, 4, 9)
+    assert undirected(way) != undirected((4, 1, 7, 9))
+    assert undirected((3,)) == (3,)
 
 
 def test_a_second_run_solves_nothing_and_gives_the_same_bytes(
