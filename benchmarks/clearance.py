@@ -21,6 +21,7 @@ from typing import Any
 import casadi
 import numpy as np
 
+from benchmarks.planning_common import machine_load
 from dmoc.motion import Motion, MotionProblem
 from dmoc.refinement import RefineParams, RefineRecord, refine
 from dmoc.refinement.iterate import iterate_from_path
@@ -203,7 +204,7 @@ def main() -> None:
     }  # fmt: skip
     (RESULTS / "clearance.json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
     head = f"Measured {facts['date']}, {facts['machine']}, Python {facts['python']}, CasADi " \
-        f"{facts['casadi']}; {len(rows)} pairs, N = 20, medians.\n\n"  # fmt: skip
+        f"{facts['casadi']}; {len(rows)} pairs, N = 20, medians; {machine_load()}.\n\n"  # fmt: skip
     (RESULTS / "clearance.md").write_text(head + text + "\n", encoding="utf-8")
 
 

@@ -4,8 +4,8 @@
 
 Each problem whose ends are free is planned once (seed 1): the search and its proof alone, and with
 shortcuts. The first `--refine` problems of a set are made into motions (half-spaces, N = 20) and
-certified. The first `--peer` problems are also planned with fcl behind the same planner, and by
-pyroboplan where that is installed. `--allowed srdf` takes the allowed collisions from the SRDF of
+certified. Every problem is also planned by OMPL's RRTConnect on our segment checks, and the first
+`--peer` of a set by OMPL with fcl's checks, and by pyroboplan where that is installed. `--allowed srdf` takes the allowed collisions from the SRDF of
 example-robot-data instead of the scenes' own matrices (it permits more). Saves
 `results/planning.json` and `.md`; with `--sets` those of the other sets stay.
 """
@@ -13,7 +13,6 @@ example-robot-data instead of the scenes' own matrices (it permits more). Saves
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections import Counter
@@ -24,7 +23,7 @@ import numpy as np
 
 from benchmarks.mbm import SETS, Problem, data_folder, problems
 from benchmarks.mbm_robots import panda, srdf_of, ur5, ur5_gripper
-from benchmarks.planning_common import RESULTS, save, table
+from benchmarks.planning_common import merged, save, table
 from benchmarks.planning_peers import has_pyroboplan, pyroboplan_ms
 from dmoc.motion import MotionProblem
 from dmoc.refinement import RefineParams, refine
@@ -70,6 +69,7 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
     faults: Counter[str] = Counter()
     search, whole, motion_s, unsolved, not_certified = [], [], [], [], []
     peer: list[float] = []
+    ompl_ms, ompl_solved = [], 0
     ours: list[float] = []
     other: list[tuple[bool, float]] = []
     count = valid = solved = refinements = certified = fallbacks = 0
@@ -85,9 +85,13 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
         valid += 1
         if valid == 1:
             plan(problem)  # compiles and warms up
+            plan(problem, planner="ompl")
         search.append(plan(problem, shortcut_tries=0)[1])
         result, spent = plan(problem)
         whole.append(spent)
+        by_ompl, spent = plan(problem, planner="ompl")
+        ompl_ms.append(spent)
+        ompl_solved += by_ompl.path is not None
         if len(other) < options.peer and has_pyroboplan():
             other.append(pyroboplan_ms(problem, 1))
         if result.path is None:
@@ -116,10 +120,12 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
         "search + proof, p90 [ms]": float(np.percentile(search, 90)),
         "with shortcuts, median [ms]": float(np.median(whole)),
         "with shortcuts, p90 [ms]": float(np.percentile(whole, 90)),
+        "OMPL's planner on our checks: solved": ompl_solved,
+        "OMPL's planner on our checks, median [ms]": float(np.median(ompl_ms)),
         "refined": refinements, "refined and certified": certified,
         "fallbacks": fallbacks, "not certified": not_certified,
         "refinement, median [s]": float(np.median(motion_s)) if motion_s else float("nan"),
-        "fcl behind the same planner / ours": (
+        "OMPL with fcl / ours": (
             float(np.median(np.array(peer) / np.array(ours))) if peer else float("nan")
         ),
         "pyroboplan: solved": f"{sum(done for done, _ in other)}/{len(other)}",
@@ -133,8 +139,8 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
 SHOWN = (
     "set", "problems", "valid ends", "solved", "search + proof, median [ms]",
     "search + proof, p90 [ms]", "with shortcuts, median [ms]", "with shortcuts, p90 [ms]",
-    "refined", "refined and certified", "fallbacks", "refinement, median [s]",
-    "fcl behind the same planner / ours", "pyroboplan: solved", "pyroboplan / ours",
+    "OMPL's planner on our checks: solved", "OMPL's planner on our checks, median [ms]", "refined", "refined and certified", "fallbacks", "refinement, median [s]",
+    "OMPL with fcl / ours", "pyroboplan: solved", "pyroboplan / ours",
 )  # fmt: skip
 
 
@@ -163,9 +169,7 @@ def main() -> None:
                     continue
                 results.append(run_set(name, robot, tool, data_folder() / arm / name, options))
     if options.sets:
-        fresh = {figures["set"]: figures for figures in results}
-        kept = json.loads((RESULTS / "planning.json").read_text(encoding="utf-8"))["results"]
-        results = [fresh.get(figures["set"], figures) for figures in kept]
+        results = merged("planning", "set", results)
     rows = [[figures.get(key, "") for key in SHOWN] for figures in results]
     text = table(list(SHOWN), rows)
     for figures in results:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-__all__ = ["save", "table"]
+__all__ = ["machine_load", "merged", "save", "table"]
 
 RESULTS = Path(__file__).parent / "results"
+_LOAD_AT_START = os.getloadavg()[0]
 PACKAGES = ("coal", "python-fcl", "ompl", "pin", "numba", "numpy")
 
 
@@ -26,6 +28,23 @@ def table(head: list[str], rows: list[list[Any]]) -> str:
     return "\n".join(lines)
 
 
+def machine_load() -> str:
+    """What else the machine was doing: processes that wanted to run, this one included."""
+    return (
+        f"load average of the last minute {_LOAD_AT_START:.1f} at the start and "
+        f"{os.getloadavg()[0]:.1f} at the end, this process included, {os.cpu_count()} cores"
+    )
+
+
+def merged(name: str, key: str, fresh: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """`fresh` rows in place of those of before with the same `key`; new ones behind."""
+    path = RESULTS / f"{name}.json"
+    before = json.loads(path.read_text(encoding="utf-8"))["results"] if path.is_file() else []
+    new = {row[key]: row for row in fresh}
+    rows = [new.pop(row[key], row) for row in before]
+    return [*rows, *new.values()]
+
+
 def save(name: str, results: Any, title: str, text: str) -> None:
     """`results/name.json` and `.md`, with machine, versions and date."""
     about = {
@@ -33,7 +52,7 @@ def save(name: str, results: Any, title: str, text: str) -> None:
         "machine": platform.machine(),
         "python": platform.python_version(),
         "versions": {package: version(package) for package in PACKAGES},
-        "time": "CPU seconds of the process; the machine was shared: read the ratios",
+        "time": f"CPU seconds of the process; {machine_load()}",
     }
     RESULTS.mkdir(exist_ok=True)
     record = json.dumps({"about": about, "results": results}, indent=1, default=float)

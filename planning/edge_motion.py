@@ -202,7 +202,7 @@ def seed_paths(
     for attempt in range(params.num_paths):
         result = plan_path(
             clearance, start, goal, seed=seed + 1000 * attempt, inflation_m=params.inflation_m,
-            max_iterations=params.max_iterations, planner="ompl",
+            max_iterations=params.max_iterations, attempts=6, planner="ompl",
         )  # fmt: skip
         if result.path is None:
             yield result

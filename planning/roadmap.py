@@ -32,6 +32,9 @@ ou.setLogLevel(ou.LOG_NONE)
 
 RANGE_M = 0.3
 
+#: Pairs are grown by at least this multiple of the tracking error.
+LEAST_GROWTH = 1.2
+
 Planner = Literal["native", "ompl"]
 
 
@@ -60,7 +63,7 @@ def plan_path(
     seed: int,
     inflation_m: float = 0.02,
     max_iterations: int = 2000,
-    attempts: int = 6,
+    attempts: int = 16,
     shortcut_tries: int = 80,
     step_m: float = 0.07,
     planner: Planner = "native",
@@ -72,7 +75,8 @@ def plan_path(
     near), then shortcuts. A pair that is nearer than that at an end is grown by 0.8 of its
     distance there, so that narrow ends stay reachable. Every segment of the result is proven free
     (by more than the clearance's tracking error, see `planning.certificate`). After a failed proof
-    the next attempt checks twice as finely, after a vain search it grows bodies half as much.
+    the next attempt checks twice as finely, after a vain search it grows bodies half as much, down
+    to just above the tracking error.
     Stops by iterations: each attempt has `max_iterations` of the planner. `step_m` is how far a
     typical robot point may move between two checked points of the first attempt. Joint
     coordinates are scaled by the joints' mean reach, so that the planner's metric is in metres.
@@ -96,6 +100,8 @@ def plan_path(
         if pair is not None:
             return PathResult(Status.IN_COLLISION, None, pair, f"{name} in collision")
     growth = _growth(edge, np.stack([start, goal]), inflation_m)
+    # The proof refuses what comes nearer than its margin: no use in planning there.
+    least = np.minimum(growth, LEAST_GROWTH * edge.tracking_error_m)
     iterations = checks = 0
     blocked = np.zeros(len(growth), dtype=np.int64)
     native = planner == "native" and world.engine == "native"
@@ -115,7 +121,7 @@ def plan_path(
             step_m *= 0.5
         else:
             checks += search.checks
-            growth *= 0.5
+            growth = np.maximum(0.5 * growth, least)
             blocked += search.blocked
     note = f"no path within {attempts} attempts of {max_iterations} iterations"
     pair = None
