@@ -5,9 +5,10 @@
 Each problem whose ends are free is planned once (seed 1): the search and its proof alone, and with
 shortcuts. The first `--refine` problems of a set are made into motions (half-spaces, N = 20) and
 certified. Every problem is also planned by OMPL's RRTConnect on our segment checks, and the first
-`--peer` of a set by OMPL with fcl's checks, and by pyroboplan where that is installed. `--allowed srdf` takes the allowed collisions from the SRDF of
-example-robot-data instead of the scenes' own matrices (it permits more). Saves
-`results/planning.json` and `.md`; with `--sets` those of the other sets stay.
+`--peer` of a set by OMPL with fcl's checks, and by pyroboplan where that is installed.
+`--allowed srdf` takes the allowed collisions from the SRDF of example-robot-data instead of the
+scenes' own matrices (it permits more). Saves `results/planning.json` and `.md`; with `--sets` those
+of the other sets stay.
 """
 
 from __future__ import annotations
@@ -139,7 +140,8 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
 SHOWN = (
     "set", "problems", "valid ends", "solved", "search + proof, median [ms]",
     "search + proof, p90 [ms]", "with shortcuts, median [ms]", "with shortcuts, p90 [ms]",
-    "OMPL's planner on our checks: solved", "OMPL's planner on our checks, median [ms]", "refined", "refined and certified", "fallbacks", "refinement, median [s]",
+    "OMPL's planner on our checks: solved", "OMPL's planner on our checks, median [ms]",
+    "refined", "refined and certified", "fallbacks", "refinement, median [s]",
     "OMPL with fcl / ours", "pyroboplan: solved", "pyroboplan / ours",
 )  # fmt: skip
 

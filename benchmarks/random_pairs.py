@@ -9,8 +9,8 @@ the product plans it when it ranks edges (departure lines, obstacle-free optimum
 with a certificate is then sampled at 1 kHz and checked by fcl; its proven clearance must not exceed
 what fcl measures at those samples. Edges whose straight joint-space line (from the end of one
 departure line to the end of the other) touches nothing are timed apart from the others. Saves
-`results/random_pairs.json` and `.md` (or `random_pairs_final`); with `--stations` the other stations'
-rows stay.
+`results/random_pairs.json` and `.md` (or `random_pairs_final`); with `--stations` the rows of the
+other stations stay.
 """
 
 from __future__ import annotations
