@@ -33,7 +33,7 @@ from planning.packed import Chain, Pairs, Solids, Work
 __all__ = ["Known", "Scan", "known_workspace", "segment_contact"]
 
 CHUNK = 16
-RECENT = 4
+RECENT = 8
 
 
 class Known(NamedTuple):
@@ -246,6 +246,13 @@ def segment_contact(scan: Any, q0: Any, q1: Any, from_free: bool) -> int:
     for c in range(chunks):
         for j in range(n):
             q[j] = q0[j] + (c + 0.5) / chunks * (q1[j] - q0[j])
+        if total > 1:  # else the middle is none of the points
+            hit = _recent_contact(
+                chain, solids, pairs, pose, moving, q, inflation, tip, lines, exempt, inside, work,
+                known.recent,
+            )  # fmt: skip
+            if hit >= 0:
+                return _remember(known.recent, hit)
         joint_poses(chain.info, chain.frame, q, joints)
         place_pieces(joints, info, solids.frame, size, moving, pose)
         found = _near_pairs(
