@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -51,10 +52,17 @@ class _Cell:
             return float(np.sum((corners[:, :, axis].mean(axis=1) - plane) * area[:, axis]))
         return None
 
+    @cached_property
     def points(self) -> Array:
-        """Distinct points (P, 3) whose hull covers the cell's part of the mesh."""
-        rows = [self.triangles.reshape(-1, 3), *(cap.reshape(-1, 3) for cap in self.caps)]
-        return np.unique(np.concatenate(rows), axis=0)
+        """Distinct points (P, 3) whose hull covers the cell's part of the mesh, in lexicographic
+        order (`np.unique` of rows takes four times as long).
+        """
+        parts = [self.triangles.reshape(-1, 3), *(cap.reshape(-1, 3) for cap in self.caps)]
+        rows = np.concatenate(parts)
+        rows = rows[np.lexsort(rows.T[::-1])]
+        first = np.ones(len(rows), dtype=bool)
+        first[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+        return np.asarray(rows[first])
 
 
 def mesh_pieces(mesh: Mesh, max_pieces: int = 64, tolerance_m: float = 0.004) -> tuple[Shape, ...]:
@@ -70,7 +78,7 @@ def mesh_pieces(mesh: Mesh, max_pieces: int = 64, tolerance_m: float = 0.004) ->
     def push(cell: _Cell) -> None:
         nonlocal count
         gain, halves = _best_cut(cell, mesh.watertight)
-        size = np.sort(np.ptp(cell.points(), axis=0))
+        size = np.sort(np.ptp(cell.points, axis=0))
         worth = halves is not None and gain > tolerance_m * size[1] * size[2]
         heapq.heappush(heap, (-gain if worth else 0.0, count, cell, halves if worth else None))
         count += 1
@@ -84,7 +92,7 @@ def mesh_pieces(mesh: Mesh, max_pieces: int = 64, tolerance_m: float = 0.004) ->
     cells = [item[2] for item in sorted(heap, key=lambda item: item[1])]
     pieces = []
     for cell in cells:
-        points = cell.points()
+        points = cell.points
         slack = max(0.5 * tolerance_m, 0.005 * float(np.linalg.norm(np.ptp(points, axis=0))))
         pieces.append(convex_shape(points, slack_m=slack))
     return tuple(pieces)
@@ -119,7 +127,7 @@ def _best_cut(cell: _Cell, solid: bool) -> tuple[float, tuple[_Cell, _Cell] | No
     A first cut of a ring saves nothing, so the worth is what the hull holds beyond the solid; the
     cut that saves most at once is made, or the longest side is halved if none does.
     """
-    points = cell.points()
+    points = cell.points
     whole = _hull_volume(points)
     if whole <= 0.0:
         return 0.0, None
@@ -140,7 +148,7 @@ def _best_cut(cell: _Cell, solid: bool) -> tuple[float, tuple[_Cell, _Cell] | No
     held = cell.solid_volume() if solid else None
     worth = most if held is None else max(most, whole - held)
     halves = _cut(cell, np.eye(3)[chosen[0]], chosen[1], solid)
-    if min(len(half.points()) for half in halves) < 3:
+    if min(len(half.points) for half in halves) < 3:
         return 0.0, None
     axis, plane = chosen
     first = replace(halves[0], low=cell.low, high=_with(cell.high, axis, plane))

@@ -32,7 +32,7 @@ from sequencing.store import decode_motion, encode_motion
 __all__ = ["EdgeJob", "EdgeResult", "context_fingerprint", "solve_edge", "write_context"]
 
 # Raised whenever a change of the code changes the motion that an edge gets.
-EDGE_VERSION = 5
+EDGE_VERSION = 6
 
 Quality = Literal["screen", "final"]
 NUM_INTERVALS: dict[Quality, int] = {"screen": 20, "final": 40}

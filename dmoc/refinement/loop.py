@@ -32,6 +32,8 @@ __all__ = ["refine"]
 
 _NO_RISE_M = 1e-3
 _MOST_PUSHES = 8
+# So often in a row a free iterate may get dearer for the sake of its clearance.
+_MOST_CLIMBS = 6
 # So much of the spare clearance may be used up before a motion counts as too near.
 _SPENT = 0.5
 
@@ -174,7 +176,7 @@ class _Loop:
 
         The solution is that of the iterate, None if no step was accepted.
         """
-        params, used, idle, more = self.params, 0, 0, 0
+        params, used, idle, more, climbs = self.params, 0, 0, 0, 0
         solution = None
         limit = outer + (params.max_outer_repair if stage.repair else params.max_outer)
         while outer < limit:
@@ -195,6 +197,9 @@ class _Loop:
             history.append(iterate)
             risen = float(np.min(view.phi_m - stage.required_m, initial=0.0)) - deepest
             below_floor = bool(np.any(view.phi_m < np.minimum(params.floor_m, stage.required_m)))
+            climbs = climbs + 1 if dearer and not below_floor else 0
+            if climbs > _MOST_CLIMBS:
+                break
             if dearer and risen <= _NO_RISE_M:
                 # Neither cheaper nor freer: the linearisation reaches too far.
                 trust = trust * params.shrink_dearer

@@ -81,7 +81,7 @@ def required_clearance(
     """d_c and `spare_m` at every point (P,), less beside a fixed knot that is itself nearer.
 
     In the interval between a fixed knot of distance φ_f and a free one, the demand rises linearly
-    to that, from φ_f if the knot keeps d_c, from 0.9 φ_f if it does not.
+    from 0.9 φ_f to that.
     """
     fixed = fixed_knots(problem)
     aimed = clearance_m + spare_m
@@ -92,8 +92,7 @@ def required_clearance(
     for phi, beside, away in zip(
         clearance.phi(ends), (first, last - 1), (points.fraction, 1 - points.fraction)
     ):
-        level = phi if phi >= clearance_m else _END_SHARE * phi
-        ramp = np.minimum(aimed, level + away * clearance_m)
+        ramp = np.minimum(aimed, _END_SHARE * phi + away * clearance_m)
         required = np.where(points.interval == beside, np.minimum(required, ramp), required)
     return required
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from dmoc.arrays import Array
 from dmoc.clearance import Clearance, Rows
-from dmoc.refinement.iterate import Iterate, Points
+from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 from dmoc.refinement.points import View, joined, look
 from dmoc.refinement.steps import Stage, demanded
 
@@ -40,6 +40,7 @@ def watching(stage: Stage, iterate: Iterate, view: View) -> tuple[Stage, View]:
     cap = stage.params.clearance_m + stage.params.spare_m + _NEAR_M
     spacing = 1.0 / len(stage.params.fractions)
     extra = nearest_places(stage.clearance, iterate, stage.base, known, cap, spacing)
+    extra = _movable(extra, fixed_knots(stage.problem), spacing)
     points = stage.base.with_extra(extra.interval, extra.fraction)
     seen = look(stage.clearance, iterate, extra, stage.params.cap_m)
     return replace(stage, points=points, required_m=demanded(stage, points)), joined(known, seen)
@@ -78,6 +79,18 @@ def nearest_places(
     phi = clearance.phi(iterate.curve(_points(tried.ravel()))).reshape(tried.shape)
     found = np.unique(tried[np.arange(len(least)), phi.argmin(axis=1)])
     return _points(found[np.abs(found[:, None] - at).min(axis=1, initial=np.inf) > _SAME])
+
+
+def _movable(places: Points, fixed: npt.NDArray[np.bool_], least_share: float) -> Points:
+    """Those places on which free knots have a share of at least `least_share`.
+
+    Beside a given knot the curve hardly follows its other one: a demand there would be met by
+    moving that knot far, at any price.
+    """
+    share = np.where(fixed[places.interval], 0.0, 1.0 - places.fraction)
+    share += np.where(fixed[places.interval + 1], 0.0, places.fraction)
+    keep = share >= least_share
+    return Points(places.interval[keep], places.fraction[keep])
 
 
 def _smallest_of_pairs(rows: Rows, at: Array, cell: float) -> Array:

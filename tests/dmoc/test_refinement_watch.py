@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from dmoc.motion import MotionProblem
 from dmoc.refinement import RefineParams, refine
-from dmoc.refinement.iterate import iterate_from_path
+from dmoc.refinement.iterate import Points, iterate_from_path
 from dmoc.refinement.points import joined, look, points_of
-from dmoc.refinement.watch import nearest_places
+from dmoc.refinement.watch import _movable, nearest_places
 from dmoc.robot import load_robot
 from dmoc.trajectory import JointPath
 from planning.planar_world import PlanarWorld
@@ -48,6 +48,14 @@ def test_the_nearest_place_between_the_points_is_watched(seed):
         assert (
             min(known, default=np.inf) < least + 5e-3
         )  # a finer cell of these coarse intervals is 7 mm
+
+
+def test_places_that_hardly_move_are_not_watched():
+    """Beside a given knot: the last tenth of the last interval follows its free knot by a tenth."""
+    fixed = np.array([True, True, False, False, True])
+    places = Points(np.array([0, 1, 1, 2, 3, 3]), np.array([0.5, 0.1, 0.4, 0.9, 0.6, 0.9]))
+    kept = _movable(places, fixed, 0.25)
+    assert list(zip(kept.interval, kept.fraction)) == [(1, 0.4), (2, 0.9), (3, 0.6)]
 
 
 @settings(max_examples=10, deadline=None)
