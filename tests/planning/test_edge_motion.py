@@ -4,6 +4,7 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
+from scenes import box, snake
 
 from dmoc.motion import MotionProblem
 from dmoc.refinement import RefineParams
@@ -202,15 +203,37 @@ def test_an_end_in_collision_is_named(cell, hard):
     assert motion.note.startswith("goal: ")
 
 
-def test_no_path_is_a_status(cell, hard):
-    start, goal, _ = hard[0]
-    problem, clearance, _ = edge(cell, start, goal)
-    tiny = EdgeParams(max_iterations=1, shallow_m=0.0)
-    motion = plan_motion(problem, clearance, cell[1], seed=0, params=tiny)
-    assert motion.status in (Status.NO_PATH, Status.CONVERGED)
-    if motion.status is Status.NO_PATH:
+def test_a_goal_behind_a_closed_wall_is_unreachable_and_the_wall_is_named(tmp_path):
+    """Bent to one side and to the other. In between joint 2 passes 0, and there the arm, whatever
+    its other joints do, stands in the ceiling: no motion exists, from any seed, by any method.
+    """
+    robot = snake(tmp_path, 3, limit=1.5)
+    start, goal = np.array([0.0, 1.4, 0.0]), np.array([0.0, -1.4, 0.0])
+    closed = world_for(robot, (), (box("ceiling", (3, 3, 0.02), (0, 0, 0.75)),))
+    turns = np.array(np.meshgrid(np.linspace(-1.5, 1.5, 31), [0.0], np.linspace(-1.5, 1.5, 31)))
+    assert closed.collide_batch(turns.reshape(3, -1).T, -0.02).all()
+    assert not closed.collide_batch(np.stack([start, goal]), 0.02).any()
+    problem = MotionProblem(robot, start, goal, num_intervals=20)
+    few = EdgeParams(max_iterations=150)
+    for seed, quality, method in (
+        (0, "screen", "halfspaces"), (1, "final", "halfspaces"), (0, "screen", "boxes")
+    ):  # fmt: skip
+        motion = plan_motion(
+            problem, closed.clearance(), closed, seed=seed, quality=quality, method=method,
+            params=few,
+        )  # fmt: skip
+        assert motion.status is Status.NO_PATH
+        assert not motion.status.ok
         assert motion.trajectory is None
-        assert "attempts" in motion.note
+        assert not motion.certified
+        assert motion.cost == float("inf")
+        assert motion.note.startswith("no path within 6 attempts of 150 iterations")
+        assert "most often in the way: ceiling - " in motion.note
+    # The wall and nothing else is the reason: with it raised, the same question has an answer.
+    raised = world_for(robot, (), (box("ceiling", (3, 3, 0.02), (0, 0, 0.95)),))
+    motion = plan_motion(problem, raised.clearance(), raised, seed=0, params=few)
+    assert motion.certified, motion.note
+    assert motion.trajectory.q_rad[:, 1].min() < -1.3 < 1.3 < motion.trajectory.q_rad[:, 1].max()
 
 
 def test_a_final_motion_is_proven_to_keep_what_the_station_asks(cell, hard):
