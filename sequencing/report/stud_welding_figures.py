@@ -7,7 +7,7 @@ import io
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter, ScalarFormatter
 
 from sequencing.report.curves import COLOURS
 from sequencing.report.paper import paper_tables
@@ -29,7 +29,7 @@ def draw_weld_costs(axes: Axes, study: StudWeldingStudy) -> None:
         axes.plot([x - 0.15] * 2, [row.lowest_cost, row.highest_cost], color=BLUE, lw=4,
                   solid_capstyle="butt", label="station" if x == 0 else None)  # fmt: skip
     for x, row in zip(place, paper):
-        axes.plot([x + 0.15] * 2, row[2:], color=GREY, lw=4, solid_capstyle="butt",
+        axes.plot([x + 0.15] * 2, row[2:], color=GREY, lw=4, solid_capstyle="butt", marker="_",
                   label="paper (another station)" if x == 0 else None)  # fmt: skip
     axes.set_xticks(place, [row.stud for row in study.studs], rotation=90)
     axes.set(ylabel="weld cost over the poses", yscale="log")
@@ -54,6 +54,7 @@ def draw_old_sequences(axes: Axes, study: StudWeldingStudy) -> None:
         ylabel="sequence",
         ylim=(0, max(len(totals), len(study.near_totals)) + 1),
     )
+    axes.yaxis.set_major_locator(MultipleLocator(1.0))
     axes.legend()
 
 
@@ -71,7 +72,7 @@ def draw_ablation(axes: Axes, study: StudWeldingStudy) -> None:
     axes.set_yticks(place, [row.name for row in rows])
     axes.invert_yaxis()
     axes.set(xlabel="J of the cycle")
-    axes.margins(x=0.12)
+    axes.margins(x=0.18)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=2, frameon=False)
 
 

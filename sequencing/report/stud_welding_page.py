@@ -68,7 +68,7 @@ def study_page(study: StudWeldingStudy, figures: Mapping[str, bytes]) -> str:
             if title.startswith(start) and name in figures:
                 data = base64.b64encode(figures[name]).decode("ascii")
                 parts.append(f'<img alt="{title}" src="data:image/png;base64,{data}">')
-    wide = "table { display: block; overflow-x: auto; }"
+    wide = "table { display: block; overflow-x: auto; } td:first-child { white-space: nowrap; }"
     return (
         '<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8">'
         f"<title>Stud welding, station {study.station}</title>\n<style>\n{style}{wide}</style>"

@@ -140,7 +140,7 @@ def _study(
     totals = tuple(sequence.cost.total for sequence in drawn)
     cycle, old_cycle = _both_cycles(edges, cycle, old, totals)
     bench.tell("sequences of nearly least time")
-    near = _near_totals(model, drawn[middle].time_s, limits.draws // 2)
+    near = _near_totals(model, drawn, limits.draws // 2)
     bench.tell("ablation")
     cycles = ablation_cycles(model, table, old, new, limits.edges_per_change)
     ablation = ablation_rows(model, cycles)
@@ -172,8 +172,11 @@ def _study(
     return StudyRun(study, cycle, old_cycle)
 
 
-def _near_totals(model: Model, least_s: float, count: int) -> tuple[float, ...]:
-    """Costs of up to `count` different sequences at most `NEAR_PERCENT` slower, cheapest first."""
+def _near_totals(model: Model, drawn: tuple[TimedSequence, ...], count: int) -> tuple[float, ...]:
+    """Costs of up to `count` sequences that are slower than the tied ones `drawn`, but by at most
+    `NEAR_PERCENT`; cheapest first."""
+    least_s = min(sequence.time_s for sequence in drawn)
+    tied = {undirected(sequence.nodes) for sequence in drawn}
     times = time_costs(model.station, model.nodes)
     free = np.zeros(model.nodes.num_nodes)
     found: dict[tuple[int, ...], float] = {}
@@ -186,7 +189,8 @@ def _near_totals(model: Model, least_s: float, count: int) -> tuple[float, ...]:
         pairs = travels(cycle)
         cost = model.cost_of(cycle)
         time = float(np.sum(times[pairs[:, 0], pairs[:, 1]]))
-        if cost is not None and time <= least_s * (1.0 + NEAR_PERCENT / 100.0):
+        near = time <= least_s * (1.0 + NEAR_PERCENT / 100.0)
+        if cost is not None and near and undirected(cycle) not in tied:
             found[undirected(cycle)] = cost.total
     return tuple(sorted(found.values()))
 

@@ -29,6 +29,7 @@ from sequencing.studies.stud_welding_model import (
 from sequencing.studies.stud_welding_search import Found, best_sequence
 from sequencing.studies.stud_welding_types import ChangeRow
 from sequencing.studies.stud_welding_use import cycle_use
+from sequencing.studies.stud_welding_weights import with_nominal_motions
 
 __all__ = ["CHANGES", "FEW_CHANGES", "Change", "compare_orders", "price_change"]
 
@@ -128,6 +129,8 @@ def price_change(
         return None
     same = matching(nominal.nodes, nodes)
     model = open_model(change.name, station, nodes, world, bench)
+    if change.group == "weights":
+        model = with_nominal_motions(model, nominal)
     try:
         row = _row(change, nominal, model, _carried(nominal, model, table, same), note,
                     tuple(_mapped(cycle, same) for cycle in (old, new)), new, limit)  # fmt: skip

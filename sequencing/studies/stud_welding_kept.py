@@ -20,7 +20,7 @@ from sequencing.studies.stud_welding_types import ChangeRow, Use
 __all__ = ["keep_row", "kept_row", "row_key"]
 
 # Raised whenever a change of the code changes what a row says.
-ROW_VERSION = 1
+ROW_VERSION = 2
 
 
 def row_key(

@@ -35,6 +35,7 @@ from sequencing.studies.stud_welding_search import best_poses, best_sequence, fr
 from sequencing.studies.stud_welding_shares import shapley, with_poses
 from sequencing.studies.stud_welding_trade_offs import mark_front
 from sequencing.studies.stud_welding_types import TradeOff, Use
+from sequencing.studies.stud_welding_weights import WeightEdges
 
 BUDGET = Budget(
     training_edges=8, coverage_edges=4, draws=2, edges_per_change=3,
@@ -261,6 +262,30 @@ def test_every_change_is_priced_and_never_regrets_less_than_nothing(study) -> No
         assert sorted(row.order) == ["S01", "S06", "S11", "S16"]
     masses = study.changes[0]
     assert masses.nominal.welding > study.new.welding
+
+
+def test_a_nominal_motion_stays_where_it_is_cheaper_under_other_weights() -> None:
+    """Edge (0, 1): the solve under the new weights is the worse optimum; (0, 2): the better one;
+    (1, 2): the nominal station has no motion."""
+    times, way = np.array([0.0, 0.5, 1.0]), np.array([[0.0], [0.2], [0.5]])
+    nominal_motion = SimpleNamespace(
+        cost=10.0, trajectory=SimpleNamespace(t_s=times, q_rad=way, duration_s=1.0)
+    )
+
+    def model(costs, motion, **weights):
+        edges = SimpleNamespace(
+            seed=0, costs=costs, motions=lambda pairs: [motion] * len(pairs),
+            evaluate=lambda pairs: [costs[tuple(pair)] for pair in pairs.tolist()],
+        )  # fmt: skip
+        return SimpleNamespace(edges=edges, station=SimpleNamespace(cost=Cost(**weights)))
+
+    nominal = model({(0, 1): 10.0, (0, 2): 10.0, (1, 2): np.inf}, nominal_motion)
+    changed = model({(0, 1): 9.9, (0, 2): 9.0, (1, 2): 7.0}, "solved", time=0.5, velocity=2.0)
+    edges = WeightEdges(changed, nominal)
+    price = 10.0 - 0.5 * 1.0 + 1.0 * (0.2**2 + 0.3**2) / 0.5
+    pairs = np.array([[1, 0], [0, 2], [1, 2]])
+    assert edges.evaluate(pairs).tolist() == pytest.approx([price, 9.0, 7.0])
+    assert edges.motions(pairs) == [nominal_motion, "solved", "solved"]
 
 
 def test_faster_weights_make_faster_cycles(study) -> None:
