@@ -92,7 +92,7 @@ Markdown(tables.table_1(study))
 # The motion that passes nearest to anything. Left: the distance function φ in the plane of joint
 # space nearest to the motion; grey is collision. Below: the paper's boxes around the iterates, from
 # the planned path (dotted) to the optimum, in the two joints that turn most. The plans of this
-# study use half-spaces instead, which give the same motions in fewer steps, and a proof of
+# study use half-spaces instead, which end at cheaper motions in fewer steps, and a proof of
 # clearance between the knots, which boxes at the knots do not give.
 
 # %%
@@ -110,7 +110,8 @@ if any(record.accepted for record in stages.records):
 # ## Old against new (Table 2)
 #
 # Sequences of least travel time tie: many poses differ only in joints that are not the slowest.
-# What one of them costs is luck. So several are drawn, and the table shows the median.
+# What one of them costs is luck. So several are drawn, and the table shows the median (of an even
+# number the cheaper of the middle two).
 
 # %%
 figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
@@ -175,8 +176,8 @@ Markdown(tables.trade_off_table(study))
 # ## Why the published −43 % is a property of station and baseline
 #
 # - In the paper's Table 1 the welds cost 2311.5 in their cheapest poses and 5806 in their dearest.
-#   The new sequence stands 0.3 % above the minimum: nothing is left to gain there. The old one
-#   stands 65 % up the range, above the middle.
+#   The new sequence stands 0.3 % up that range: nothing is left to gain there. The old one stands
+#   65 % up, above the middle.
 # - How far blind choice can go wrong is decided by the spread of holding costs: by the gun's
 #   offset, the masses and where the studs are. A long gun on a low part saves more than
 #   twice what a short one does (stations B and A).
