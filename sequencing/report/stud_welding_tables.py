@@ -218,16 +218,21 @@ def changes_table(study: StudWeldingStudy) -> str:
             signed(None if row.saving_percent is None else -row.saving_percent),
             number(row.regret_percent), number(row.conditional_gap_percent),
             number(row.common_neighbours_percent, 0),
-            f"{row.same_poses}/{len(row.order)}", row.note or "",
+            f"{row.same_poses}/{len(row.order)}",
         ])  # fmt: skip
     header = ["change", "old", "nominal sequence", "best found", "against old %", "regret %",
-              "conditional gap %", "neighbours kept %", "poses kept", "note"]  # fmt: skip
+              "conditional gap %", "neighbours kept %", "poses kept"]  # fmt: skip
+    said: dict[str, list[str]] = {}
+    for row in study.changes:
+        if row.note:
+            said.setdefault(row.note, []).append(row.name)
+    notes = "".join(f"\n\n{', '.join(names)}: {note}." for note, names in said.items())
     return markdown_table(header, rows) + (
         "\n\nRegret: what keeping the nominal sequence costs if the change is true. A regret below "
         "the conditional gap says only that nothing better was found; –: the search ended before "
         "it had one. Neighbours kept: pairs of studs welded one after the other in both sequences. "
         "Where only motions without friction are known, friction raises or lowers their price; "
-        "motions made for it would cost less."
+        "motions made for it would cost less." + notes
     )
 
 
@@ -242,14 +247,20 @@ def departures_table(study: StudWeldingStudy) -> str:
     names = list(study.departures[0].travel)
     rows = [
         [row.name, number(row.end_speed_m_s, 2), number(row.ratio, 2),
-         *(number(row.travel[name]) for name in names), row.cheapest]
+         *(number(row.travel[name]) for name in names)]
         for row in study.departures
     ]  # fmt: skip
-    header = ["way to leave", "tip speed m/s", "new: ratio", *names, "cheapest with welds"]
+    header = ["way to leave", "tip speed m/s", "new: ratio", *names]
+    cheapest = {row.name: row.cheapest for row in study.departures}
+    if len(set(cheapest.values())) == 1:
+        words = f" Welds included, {study.departures[0].cheapest} is the cheapest in every row."
+    else:
+        each = "; ".join(f"{way}: {name}" for way, name in cheapest.items())
+        words = f" The cheapest, welds included: {each}."
     return markdown_table(header, rows) + (
         "\n\nTravel cost of each sequence without obstacles. The plan itself chooses one to four "
         "twentieths for each motion. Other lengths of the line are among the changed assumptions "
-        "above."
+        "above." + words
     )
 
 
