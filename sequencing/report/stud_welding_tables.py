@@ -209,6 +209,8 @@ def share_words(study: StudWeldingStudy) -> str:
         "Shapley values: what a part gives, averaged over all orders in which the parts can be "
         "exchanged; they add up exactly."
     )
+    if any(value < 0.0 for shares in study.shares for value in shares.parts.values()):
+        text += " A negative part makes the cycle dearer on that average, to the gain of another."
     if saved > 0:
         still = 100.0 * (study.old.welding - study.new.welding) / saved
         text += f" Of the saving in Table 2, {number(still)} % falls while the robot stands still."
