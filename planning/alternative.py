@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -11,13 +12,21 @@ import numpy as np
 
 from dmoc.arrays import Array, readonly
 from dmoc.errors import Fault, ProblemError
+from dmoc.robot import Robot
 from planning.chain import chain_of
 from planning.departure_line import DepartureLine
 from planning.kinematics import follow_line
 from planning.station import Station
 from planning.studs import Stud
 
-__all__ = ["Alternative", "StudAlternatives", "departure_knots", "weld_line", "weld_poses"]
+__all__ = [
+    "Alternative",
+    "StudAlternatives",
+    "departure_knots",
+    "departure_point",
+    "weld_line",
+    "weld_poses",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +114,34 @@ def departure_knots(
     offset = stud.depart_m * values[order, None] * stud.depart_direction
     line, good = follow_line(chain_of(station.robot), np.atleast_2d(q_rad), offset[None])
     if not good[0]:
-        raise ProblemError(
-            Fault("departure", field=f"stud {stud.id}", value=str(np.round(q_rad, 4)),
-                  legal="a joint vector whose departure line the robot can follow",
-                  fix="use one of planning.alternatives(station)")
-        )  # fmt: skip
+        raise ProblemError(_no_line(stud, q_rad))
     result = np.empty_like(line[0])
     result[order] = line[0]
     return result
+
+
+def departure_point(station: Station, stud: Stud, q_rad: Array, fraction: float) -> Array:
+    """`departure_knots` at one fraction (n,), read-only, bit for bit.
+
+    Points are kept for the life of the process: every travel from or to a pose asks for the same
+    few, and following the line takes longer than the motion's programme.
+    """
+    offset = stud.depart_m * float(fraction) * stud.depart_direction
+    point = _point_at(station.robot, tuple(map(float, q_rad)), tuple(map(float, offset)))
+    if point is None:
+        raise ProblemError(_no_line(stud, q_rad))
+    return point
+
+
+@lru_cache(maxsize=65536)
+def _point_at(robot: Robot, q_rad: tuple[float, ...], offset_m: tuple[float, ...]) -> Array | None:
+    line, good = follow_line(chain_of(robot), np.array([q_rad]), np.array([[offset_m]]))
+    return readonly(line[0, 0], "line", ndim=1) if good[0] else None
+
+
+def _no_line(stud: Stud, q_rad: Array) -> Fault:
+    return Fault(
+        "departure", field=f"stud {stud.id}", value=str(np.round(q_rad, 4)),
+        legal="a joint vector whose departure line the robot can follow",
+        fix="use one of planning.alternatives(station)",
+    )  # fmt: skip

@@ -19,7 +19,7 @@ from dmoc.motion import Motion, MotionProblem
 from dmoc.refinement import RefineParams
 from dmoc.refinement.params import Method
 from dmoc.resimulation import replay_motion
-from planning.alternative import departure_knots, weld_line
+from planning.alternative import departure_point, weld_line
 from planning.departure import LineFunction, best_departure
 from planning.edge_motion import EdgeParams, plan_motion
 from planning.shapes import Body
@@ -121,7 +121,7 @@ def edge_motion(
 
 
 def _line(station: Station, stud: Stud, q_rad: Array) -> LineFunction:
-    return lambda fraction: departure_knots(station, stud, q_rad, [fraction])[0]
+    return lambda fraction: departure_point(station, stud, q_rad, fraction)
 
 
 def context_fingerprint(station: Station, method: str) -> str:

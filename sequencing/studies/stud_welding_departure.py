@@ -14,7 +14,7 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.batch import solve_many
 from dmoc.motion import Motion, MotionProblem
-from planning.alternative import departure_knots
+from planning.alternative import departure_point
 from planning.departure import LineFunction, with_departure
 from sequencing.store import decode_motion, encode_motion
 from sequencing.studies.stud_welding_model import Bench, Model, travels
@@ -108,7 +108,7 @@ def _line(model: Model, node: int) -> LineFunction | None:
     if node == model.nodes.home:
         return None
     stud, q = model.station.stud(model.nodes.stud[node]), model.nodes.q_rad[node]
-    return lambda fraction: departure_knots(model.station, stud, q, [fraction])[0]
+    return lambda fraction: departure_point(model.station, stud, q, fraction)
 
 
 def _stopping(

@@ -9,7 +9,7 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.motion import MotionProblem
 from dmoc.refinement import RefineParams, RefineRecord, refine
-from planning.alternative import departure_knots, weld_line
+from planning.alternative import departure_point, weld_line
 from planning.departure import LineFunction, best_departure
 from planning.edge_clearance import EdgeClearance
 from planning.edge_motion import EdgeParams, seed_paths
@@ -68,7 +68,7 @@ def refine_in_stages(
 
 def _line(station: Station, stud_id: str, q_rad: Array) -> LineFunction:
     stud = station.stud(stud_id)
-    return lambda fraction: departure_knots(station, stud, q_rad, [fraction])[0]
+    return lambda fraction: departure_point(station, stud, q_rad, fraction)
 
 
 def projected(record: RefineRecord, joints: tuple[int, int]) -> RefineRecord:

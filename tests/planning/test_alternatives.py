@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dmoc.errors import InputError, ProblemError
-from planning.alternative import departure_knots, weld_line, weld_poses
+from planning.alternative import departure_knots, departure_point, weld_line, weld_poses
 from planning.alternatives_search import FREE_M, alternatives
 from planning.check import check_station
 from planning.shapes import Body, Shape, pose_matrix
@@ -81,6 +81,10 @@ def test_knots_on_the_departure_line():
     item = alternatives(station)[0]
     alternative = item.alternatives[2]
     knots = departure_knots(station, item.stud, alternative.q_rad, [1.0, 0.0, 0.25])
+    for fraction in (1.0, 0.25, 1.0):
+        alone = departure_knots(station, item.stud, alternative.q_rad, [fraction])[0]
+        kept = departure_point(station, item.stud, alternative.q_rad, fraction)
+        assert alone.tobytes() == kept.tobytes()
     assert np.allclose(knots[1], alternative.q_rad, atol=1e-12)
     assert np.allclose(knots[0], alternative.line_rad[-1], atol=1e-9)
     tip = station.robot.tip_pose(knots[2]).translation
