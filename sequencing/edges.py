@@ -116,7 +116,9 @@ class StationEdges:
         self._context = write_context(station, Path(self._folder.name))
         self._gravity = station.robot.gravity_torque_nm(nodes.q_rad)
         self._pairs = nodes.usable_pairs()
-        self._row = {(int(i), int(j)): row for row, (i, j) in enumerate(self._pairs)}
+        self._row = np.full((nodes.num_nodes, nodes.num_nodes), -1, dtype=np.int64)
+        self._row[self._pairs[:, 0], self._pairs[:, 1]] = np.arange(len(self._pairs))
+        self._row = np.maximum(self._row, self._row.T)
         self._rough = self._straight_lines()
         self._features = self._all_features()
 
@@ -276,7 +278,10 @@ class StationEdges:
         return (int(i), int(j)) if i < j else (int(j), int(i))
 
     def _rows(self, pairs: Pairs) -> npt.NDArray[np.int64]:
-        return np.array([self._row[self._canonical(i, j)] for i, j in pairs], dtype=np.int64)
+        i, j = np.asarray(pairs, dtype=np.int64).reshape(-1, 2).T
+        rows: npt.NDArray[np.int64] = self._row[i, j]
+        assert np.all(rows >= 0), "a pair of one cluster has no travel"
+        return rows
 
     def _all_bounds(self) -> Array:
         robot, cost = self.station.robot, self._quadratic()
