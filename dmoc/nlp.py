@@ -32,7 +32,6 @@ from dmoc.half_spaces import capacity_for, half_space_params, without_idle_rows
 from dmoc.motion import MotionProblem
 from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, IpoptParams, NlpSolution, PathRows
 from dmoc.programme import Families, MotionProgramme, motion_programme
-from dmoc.staged import staged_bounds, staged_programme, staged_structure
 from dmoc.state import knot_velocities, max_defect, residuals
 from dmoc.status import Status
 
@@ -54,8 +53,6 @@ STATUS = {
 
 # A motion whose equations hold less well than this (fraction of h u_max) is not called converged.
 LARGEST_DEFECT = 1e-6
-# fatrop measures its tolerance on its own scale; this keeps the optima equal to 1e-6.
-FATROP_TOLERANCE = 1e-8
 
 _IPOPT = {
     "print_level": 0, "sb": "yes", "nlp_scaling_method": "none",
@@ -202,15 +199,11 @@ def _solve_once(
     families: Families,
     margins: Margins,
 ) -> NlpSolution:
-    staged = params.solver == "fatrop"
-    motion = staged_programme(problem, families) if staged else motion_programme(problem, families)
+    motion = motion_programme(problem, families)
     layout, robot = motion.layout, problem.robot
     half, lower_half = half_space_params(problem, rows, families.half_spaces)
-    if staged:
-        (lbx, ubx), (lbg, ubg) = staged_bounds(problem, motion, box, lower_half, margins)
-    else:
-        lbx, ubx = variable_bounds(problem, motion, box)
-        lbg, ubg = row_bounds(problem, motion, lower_half, margins)
+    lbx, ubx = variable_bounds(problem, motion, box)
+    lbg, ubg = row_bounds(problem, motion, lower_half, margins)
     if np.any(lbx > ubx) or np.any(lbg > ubg):
         return _hopeless(problem, guess, families)
     x0 = layout.pack(guess.q_rad, guess.torque_nm / robot.torque_limit_nm, guess.step_s)
@@ -220,8 +213,7 @@ def _solve_once(
     }  # fmt: skip
     multipliers = guess.multipliers
     warm = (
-        not staged
-        and isinstance(multipliers, Multipliers)
+        isinstance(multipliers, Multipliers)
         and multipliers.families == families
         and (len(multipliers.bounds), len(multipliers.rows)) == (layout.size, len(lbg))
     )
@@ -229,7 +221,7 @@ def _solve_once(
         arguments |= {"lam_x0": multipliers.bounds, "lam_g0": multipliers.rows}
     result, stats = _minimum(motion, arguments, params, warm)
     x = np.array(result["x"]).ravel()
-    status = _status(stats, params)
+    status = STATUS.get(stats["return_status"], Status.NUMERICAL_FAILURE)
     cost = float(result["f"])
     if not (np.all(np.isfinite(x)) and np.isfinite(cost)):
         status, x = Status.NUMERICAL_FAILURE, arguments["x0"]
@@ -245,7 +237,7 @@ def _solve_once(
         velocity_rad_s=knot_velocities(robot, q, left, right),
         cost=cost - smoothing, smoothing_cost=smoothing, iterations=int(stats["iter_count"]),
         max_defect=defect, solver=stats.get("solver", params.solver),
-        multipliers=None if staged else Multipliers(
+        multipliers=Multipliers(
             np.array(result["lam_x"]).ravel(), np.array(result["lam_g"]).ravel(), families
         ),
     )  # fmt: skip
@@ -260,25 +252,15 @@ def _minimum(
     """
     spent, name = 0, params.solver
     if params.solver == "structured":
-        from dmoc.interior import solve_staged  # with it numba, which takes a while to load
+        from dmoc.interior import solve_structured  # with it numba, which takes a while to load
 
-        own = solve_staged(motion, arguments, params)
+        own = solve_structured(motion, arguments, params)
         if own is not None and own[1]["return_status"] in STATUS:
             return own
         spent, name = 0 if own is None else own[1]["iter_count"], "ipopt"
     solver = _solver(motion, params, warm)
     result, stats = solver(**arguments), solver.stats()
     return result, stats | {"iter_count": stats["iter_count"] + spent, "solver": name}
-
-
-def _status(stats: dict[str, Any], params: IpoptParams) -> Status:
-    if params.solver != "fatrop":
-        return STATUS.get(stats["return_status"], Status.NUMERICAL_FAILURE)
-    if stats["success"]:
-        return Status.CONVERGED
-    # fatrop does not tell an infeasible problem from other failures.
-    stopped = stats["iter_count"] >= params.max_iterations
-    return Status.ITERATION_LIMIT if stopped else Status.NUMERICAL_FAILURE
 
 
 def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSolution:
@@ -294,25 +276,15 @@ def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSo
 
 
 def _solver(motion: MotionProgramme, params: IpoptParams, warm: bool) -> ca.Function:
-    settings: dict[str, Any]
-    options: dict[str, Any]
     key = (motion.key, params, warm)
-    if key not in _SOLVERS and params.solver == "fatrop":
-        settings = {
-            "print_level": 0, "tol": min(params.tolerance, FATROP_TOLERANCE),
-            "max_iter": params.max_iterations,
-        }  # fmt: skip
-        structure = {"structure_detection": "manual", **staged_structure(motion)}
-        options = {"print_time": False, "fatrop": settings, **structure}
-        _SOLVERS[key] = ca.nlpsol("motion", "fatrop", motion.programme.nlp, options)
-    elif key not in _SOLVERS:
+    if key not in _SOLVERS:
         programme = motion.programme
-        settings = dict(_IPOPT) | {
+        settings: dict[str, Any] = dict(_IPOPT) | {
             "tol": params.tolerance, "acceptable_tol": params.acceptable_tolerance,
             "acceptable_iter": params.acceptable_iterations, "max_iter": params.max_iterations,
         }  # fmt: skip
         settings |= _WARM if warm else {}
-        options = {f"ipopt.{name}": value for name, value in settings.items()}
+        options: dict[str, Any] = {f"ipopt.{name}": value for name, value in settings.items()}
         options |= {
             "print_time": False, "no_nlp_grad": True, "calc_lam_p": False,
             "grad_f": programme.grad_f, "jac_g": programme.jac_g, "hess_lag": programme.hess_lag,

@@ -14,7 +14,7 @@ from dmoc.status import Status
 
 __all__ = ["DEFAULT_PARAMS", "Box", "Guess", "IpoptParams", "NlpSolution", "PathRows"]
 
-SOLVERS = ("ipopt", "fatrop", "structured")
+SOLVERS = ("ipopt", "structured")
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,9 @@ class IpoptParams:
     With `limit_curve` speed and acceleration limits hold on the whole executed curve (to 1 %), else
     only for differences of the knots. What the curve does beyond its rows is known only afterwards:
     up to `curve_corrections` further solves take it in; with 0 the next warm start does.
-    `solver` is `ipopt`; `structured`, our own interior-point method (`dmoc.interior`), which finds
-    the same optima several times faster and hands on to Ipopt what does not fit it (jerk, RMS
-    torque, conditions on the end, rows with equal bounds) or where it gets stuck; or `fatrop`,
-    which finds the same optima but, in CasADi's interface, takes no derivatives from us and is
-    several times slower; it starts cold, its `acceptable_` settings do not exist, and it carries no
-    limits that look back further than one knot (`dmoc.staged`).
+    `solver` is `ipopt`, or `structured`, our own interior-point method (`dmoc.interior`), which
+    finds the same optima several times faster and hands on to Ipopt what does not fit it (jerk, RMS
+    torque, conditions on the end, rows with equal bounds) or where it gets stuck.
     """
 
     tolerance: float = 1e-6

@@ -14,7 +14,7 @@ from dmoc.interior.system import NewtonSystem
 from dmoc.nlp_types import IpoptParams
 from dmoc.programme import MotionProgramme
 
-__all__ = ["solve_staged"]
+__all__ = ["solve_structured"]
 
 # More iterations than this are a struggle that a method with a restoration phase ends sooner.
 MOST_ITERATIONS = 100
@@ -28,7 +28,7 @@ _ORACLES: dict[tuple[Any, ...], Oracle | None] = {}
 _SYSTEMS: dict[tuple[Any, ...], NewtonSystem] = {}
 
 
-def solve_staged(
+def solve_structured(
     motion: MotionProgramme, arguments: dict[str, Array], params: IpoptParams
 ) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """`arguments` and results as of `nlpsol`; None if the programme does not fit.
