@@ -17,24 +17,14 @@ Source of the recursion: Luh, Walker and Paul (1980).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
-import numba
 import numpy as np
+
+from dmoc.jit import njit
 
 __all__ = ["adjoint_kernel", "torque_kernel"]
 
 
-def _kernel(function: Callable[..., Any]) -> Any:
-    """Compile at the first call, with a cache on disk where there is a writable place for one."""
-    try:
-        return numba.njit(cache=True)(function)
-    except RuntimeError:
-        return numba.njit(function)
-
-
-@_kernel
+@njit
 def _turn(rotation, axis, angle, out):  # type: ignore[no-untyped-def]
     """out = R(angle, axis)ᵀ rotationᵀ, by Rodrigues' formula."""
     c, s = np.cos(angle), np.sin(angle)
@@ -52,26 +42,26 @@ def _turn(rotation, axis, angle, out):  # type: ignore[no-untyped-def]
             out[i, j] = total
 
 
-@_kernel
+@njit
 def _apply(matrix, vector, out):  # type: ignore[no-untyped-def]
     for i in range(3):
         out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
 
 
-@_kernel
+@njit
 def _apply_transposed(matrix, vector, out):  # type: ignore[no-untyped-def]
     for i in range(3):
         out[i] = matrix[0, i] * vector[0] + matrix[1, i] * vector[1] + matrix[2, i] * vector[2]
 
 
-@_kernel
+@njit
 def _vec_cross(a, b, out):  # type: ignore[no-untyped-def]
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@_kernel
+@njit
 def _add_cross(a, b, scale, out):  # type: ignore[no-untyped-def]
     """out += scale · a × b."""
     out[0] += scale * (a[1] * b[2] - a[2] * b[1])
@@ -79,12 +69,12 @@ def _add_cross(a, b, scale, out):  # type: ignore[no-untyped-def]
     out[2] += scale * (a[0] * b[1] - a[1] * b[0])
 
 
-@_kernel
+@njit
 def _dot(a, b):  # type: ignore[no-untyped-def]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@_kernel
+@njit
 def _outwards(  # type: ignore[no-untyped-def]
     q, v, a, rotation, offset, axis, mass, com, inertia, gravity,
     turn, w, dw, acc, carried_w, force, moment,
@@ -123,7 +113,7 @@ def _outwards(  # type: ignore[no-untyped-def]
         _add_cross(w[i + 1], x, 1.0, moment[i])
 
 
-@_kernel
+@njit
 def _inwards(offset, com, turn, force, moment, f, t):  # type: ignore[no-untyped-def]
     """Second loop: forces f and moments t (n, 3) that each joint passes on."""
     n = force.shape[0]
@@ -143,7 +133,7 @@ def _inwards(offset, com, turn, force, moment, f, t):  # type: ignore[no-untyped
                 t[i, k] += x[k]
 
 
-@_kernel
+@njit
 def torque_kernel(  # type: ignore[no-untyped-def]
     q, v, a, rotation, offset, axis, mass, com, inertia, armature, gravity
 ):
@@ -165,7 +155,7 @@ def torque_kernel(  # type: ignore[no-untyped-def]
     return tau
 
 
-@_kernel
+@njit
 def adjoint_kernel(  # type: ignore[no-untyped-def]
     q, v, a, weight, rotation, offset, axis, mass, com, inertia, armature, gravity
 ):

@@ -1,55 +1,69 @@
-"""numba's `njit` with an on-disk cache where a folder for it can be written."""
+"""The one place where kernels are compiled: numba's `njit` with the flags of this house."""
 
 from __future__ import annotations
 
+import os
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core.options import DefaultOptions
 
-__all__ = ["inner", "kernel", "plain_inner", "plain_kernel"]
-
-
 # numba's own switch for code without reference counts; a version that has none counts them.
 _PLAIN = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Compile at the first call; without a writable cache folder, in every process anew.
+def njit(
+    function: Callable[..., Any] | None = None,
+    *,
+    inner: bool = False,
+    plain: bool = False,
+    fastmath: bool = False,
+) -> Any:
+    """Compile at the first call and keep the code on disk, wherever a folder can be written.
+
+    `inner` is for kernels that only other kernels call: without the entry from Python, which costs
+    a third of the time to compile it. `plain` is for kernels that make no arrays at all and so need
+    no reference counts: counting costs a small function that is handed arrays more than its work
+    (the distance of two pieces is four times as fast without). `fastmath` lets sums be reordered.
 
     `error_model="numpy"` drops the check for a zero divisor: the kernels guard theirs. Compiling
-    them takes seconds on a fresh machine, so the kernels avoid what makes numba compile more than
-    they say: no arrays made inside (workspace comes from the caller), no `min` and `max`, no whole
-    rows assigned, and no literal whole numbers as arguments (each value is a type of its own).
+    takes seconds on a fresh machine, so large kernels avoid what makes numba compile more than they
+    say: no arrays made inside (workspace comes from the caller), no `min` and `max`, no whole rows
+    assigned, and no literal whole numbers as arguments (each value is a type of its own).
     """
-    return _compiled(function)
-
-
-def inner(function: Callable[..., Any]) -> Any:
-    """A `kernel` that only other kernels call: without the entry from Python, which costs a third
-    of the time to compile it.
-    """
-    return _compiled(function, no_cpython_wrapper=True)
-
-
-def plain_kernel(function: Callable[..., Any]) -> Any:
-    """A `kernel` that makes no arrays at all, and so needs no reference counts.
-
-    Counting costs a small function that is handed arrays more than its work: the distance of two
-    pieces is four times as fast without.
-    """
-    return _compiled(function, **_PLAIN)
-
-
-def plain_inner(function: Callable[..., Any]) -> Any:
-    """A `plain_kernel` that only other kernels call."""
-    return _compiled(function, no_cpython_wrapper=True, **_PLAIN)
-
-
-def _compiled(function: Callable[..., Any], **more: bool) -> Any:
-    options = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **more}
+    if function is None:
+        return lambda given: njit(given, inner=inner, plain=plain, fastmath=fastmath)
+    options: dict[str, Any] = {
+        "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
+        "no_cpython_wrapper": inner, "fastmath": fastmath, **(_PLAIN if plain else {}),
+    }  # fmt: skip
     try:
         return numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # no place for a cache (read-only installation, no home)
+    except RuntimeError:  # neither the installation nor a home can be written
+        return _kept_elsewhere(function, options)
+
+
+def _kept_elsewhere(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """Compiled code in the user's own folder for temporary files, else in every process anew."""
+    asked, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _own_folder() or ""
+    try:
+        return numba.njit(cache=True, **options)(function)
+    except RuntimeError:
         return numba.njit(**options)(function)
+    finally:
+        numba.config.CACHE_DIR = asked
+
+
+def _own_folder() -> str | None:
+    """A folder that nobody else can write: numba runs what it finds in there."""
+    try:
+        folder = Path(tempfile.gettempdir()) / f"dmoc-kernels-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError:
+        return None
+    mine = found.st_uid == os.getuid() and not found.st_mode & 0o077 and folder.is_dir()
+    return str(folder) if mine and not folder.is_symlink() else None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dmoc.interior.jit import kernel
+from dmoc.jit import njit
 
 __all__ = ["add_limits", "momentum_pull", "place_hessian", "place_rows"]
 
 
-@kernel
+@njit
 def place_hessian(curves, at, hess):  # type: ignore[no-untyped-def]
     """`hess` (N·F·F,) from upper triangles; `at` (2, ·) are places and mirrored places or −1."""
     for i in range(hess.shape[0]):
@@ -18,7 +18,7 @@ def place_hessian(curves, at, hess):  # type: ignore[no-untyped-def]
             hess[at[1, i]] += curves[i]
 
 
-@kernel
+@njit
 def place_rows(slopes, source, target, rows):  # type: ignore[no-untyped-def]
     """`rows` ((N+1)·n·F,) from the nonzeros of the momentum rows."""
     for i in range(rows.shape[0]):
@@ -27,7 +27,7 @@ def place_rows(slopes, source, target, rows):  # type: ignore[no-untyped-def]
         rows[target[i]] += slopes[source[i]]
 
 
-@kernel
+@njit
 def add_limits(  # type: ignore[no-untyped-def]
     slopes, source, place, start, stage, weight, dense, hess
 ):
@@ -48,7 +48,7 @@ def add_limits(  # type: ignore[no-untyped-def]
                 dense[place[p]] = 0.0
 
 
-@kernel
+@njit
 def momentum_pull(rows, y, n, frame, pull):  # type: ignore[no-untyped-def]
     """Jᵀy (size,) of the momentum rows, from their blocks `rows` (N+1, n, F); `frame` (F,)."""
     count, size_f = rows.shape[0] - 1, rows.shape[2]

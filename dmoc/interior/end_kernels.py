@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dmoc.interior.jit import kernel
+from dmoc.jit import njit
 
 __all__ = ["factorise_end", "finish_end", "start_from_end"]
 
 
-@kernel
+@njit
 def factorise_end(  # type: ignore[no-untyped-def]
     hess, rows, sigma, delta, place, n, first,
     end_lu, end_pivot, end_map, end_hess, value, scratch,
@@ -95,7 +95,7 @@ def factorise_end(  # type: ignore[no-untyped-def]
     return True
 
 
-@kernel
+@njit
 def _lu(matrix, pivot):  # type: ignore[no-untyped-def]
     """LU with row pivots in place (whole rows are swapped); False where it is singular."""
     size = matrix.shape[0]
@@ -123,7 +123,7 @@ def _lu(matrix, pivot):  # type: ignore[no-untyped-def]
     return True
 
 
-@kernel
+@njit
 def start_from_end(  # type: ignore[no-untyped-def]
     gradient, defect, n, first, end_lu, end_pivot, end_map, end_hess, end_known, known
 ):
@@ -158,7 +158,7 @@ def start_from_end(  # type: ignore[no-untyped-def]
             v[p] += end_hess[i, many + p] * y[i] + end_map[i, p] * total
 
 
-@kernel
+@njit
 def finish_end(  # type: ignore[no-untyped-def]
     n, first, end_lu, end_pivot, end_map, end_hess, end_known, known, x, lam
 ):
@@ -189,7 +189,7 @@ def finish_end(  # type: ignore[no-untyped-def]
             lam[k, i] = multipliers[(k - first) * n + i]
 
 
-@kernel
+@njit
 def _solve_transposed(matrix, pivot, b):  # type: ignore[no-untyped-def]
     """Solve Aᵀ x = b in place with the factor of `_lu`."""
     size = matrix.shape[0]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmoc.interior.jit import kernel
+from dmoc.jit import njit
 
 __all__ = [
     "bound_step",
@@ -31,7 +31,7 @@ __all__ = [
 KEPT_FACTOR = 1e10
 
 
-@kernel
+@njit
 def gather_rows(values, row, target, w, lo, up, size, equal, out):  # type: ignore[no-untyped-def]
     """Objective, Σ|defect| and largest |defect|; `out` becomes the defect, 0 for idle rows.
 
@@ -59,7 +59,7 @@ def gather_rows(values, row, target, w, lo, up, size, equal, out):  # type: igno
     return total, theta, worst
 
 
-@kernel
+@njit
 def gradients(  # type: ignore[no-untyped-def]
     slopes, y, cost_source, cost_column, source, row, column, grad, pull
 ):
@@ -72,7 +72,7 @@ def gradients(  # type: ignore[no-untyped-def]
         pull[column[i]] += slopes[source[i]] * y[row[i]]
 
 
-@kernel
+@njit
 def measure(  # type: ignore[no-untyped-def]
     grad, pull, y, w, lo, up, z_lo, z_up, fixed, size, equal, mu
 ):
@@ -100,7 +100,7 @@ def measure(  # type: ignore[no-untyped-def]
     return dual, product, total, sum_y + sum_z, sum_z, bounds
 
 
-@kernel
+@njit
 def centring(w, lo, up, z_lo, z_up, sigma, inwards):  # type: ignore[no-untyped-def]
     """`sigma` z_lo/(w − lo) + z_up/(up − w), `inwards` −1/(w − lo) + 1/(up − w)."""
     for i in range(w.shape[0]):
@@ -116,7 +116,7 @@ def centring(w, lo, up, z_lo, z_up, sigma, inwards):  # type: ignore[no-untyped-
             inwards[i] += inverse
 
 
-@kernel
+@njit
 def right_hand_side(  # type: ignore[no-untyped-def]
     grad, pull, y, defect, sigma, inwards, mu, slopes, source, row, column, size, equal, out
 ):
@@ -134,7 +134,7 @@ def right_hand_side(  # type: ignore[no-untyped-def]
             out[column[i]] += slopes[source[i]] * weight
 
 
-@kernel
+@njit
 def complete(  # type: ignore[no-untyped-def]
     defect, y, w, lo, up, z_lo, z_up, sigma, inwards, mu, slopes, source, row, column, size, equal,
     dw, dy, dz_lo, dz_up,
@@ -162,7 +162,7 @@ def complete(  # type: ignore[no-untyped-def]
             dz_up[i] = (mu + z_up[i] * dw[i]) / (up[i] - w[i]) - z_up[i]
 
 
-@kernel
+@njit
 def bound_step(w, dw, lo, up, tau):  # type: ignore[no-untyped-def]
     """The longest step ≤ 1 that keeps the share 1 − τ of every slack."""
     step = 1.0
@@ -177,7 +177,7 @@ def bound_step(w, dw, lo, up, tau):  # type: ignore[no-untyped-def]
     return step
 
 
-@kernel
+@njit
 def multiplier_step(z_lo, z_up, dz_lo, dz_up, tau):  # type: ignore[no-untyped-def]
     """The longest step ≤ 1 that keeps the share 1 − τ of every multiplier of a bound."""
     step = 1.0
@@ -189,7 +189,7 @@ def multiplier_step(z_lo, z_up, dz_lo, dz_up, tau):  # type: ignore[no-untyped-d
     return step
 
 
-@kernel
+@njit
 def mean_product_after(  # type: ignore[no-untyped-def]
     w, dw, lo, up, z_lo, z_up, dz_lo, dz_up, step, dual_step
 ):
@@ -205,7 +205,7 @@ def mean_product_after(  # type: ignore[no-untyped-def]
     return total / bounds if bounds else 0.0
 
 
-@kernel
+@njit
 def log_slacks(w, lo, up):  # type: ignore[no-untyped-def]
     """Σ log of all slacks; products of a few at a time, for logarithms are slow."""
     logs, product = 0.0, 1.0
@@ -219,7 +219,7 @@ def log_slacks(w, lo, up):  # type: ignore[no-untyped-def]
     return logs + np.log(product)
 
 
-@kernel
+@njit
 def keep_near(w, lo, up, mu, z_lo, z_up):  # type: ignore[no-untyped-def]
     """Multipliers of bounds back to within a factor of μ/slack."""
     for i in range(w.shape[0]):
@@ -231,7 +231,7 @@ def keep_near(w, lo, up, mu, z_lo, z_up):  # type: ignore[no-untyped-def]
             z_up[i] = min(max(z_up[i], centre / KEPT_FACTOR), centre * KEPT_FACTOR)
 
 
-@kernel
+@njit
 def push_inside(w, lo, up, push, share):  # type: ignore[no-untyped-def]
     """Move w inside its bounds: by `push`·max(1, |bound|), at most `share` of the range."""
     for i in range(w.shape[0]):

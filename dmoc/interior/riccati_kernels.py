@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmoc.interior.jit import kernel
+from dmoc.jit import njit
 
 __all__ = ["factorise", "solve"]
 
@@ -26,7 +26,7 @@ __all__ = ["factorise", "solve"]
 SMALLEST_PIVOT = 1e-15
 
 
-@kernel
+@njit
 def factorise(  # type: ignore[no-untyped-def]
     hess, rows, sigma, delta, fixed, first, n, slopes, gains, chols, hux, huu, frame, value, scratch
 ):
@@ -83,7 +83,7 @@ def factorise(  # type: ignore[no-untyped-def]
     return value[3 * n, 3 * n] + sigma[step] + delta
 
 
-@kernel
+@njit
 def _eliminate_knot(frame, fixed, at, n, gain, chol, value):  # type: ignore[no-untyped-def]
     """Minimise over c: Cholesky factor, K = H_cc⁻¹ H_cs, and the cost to go of the state."""
     size_s = 3 * n + 1
@@ -135,7 +135,7 @@ def _eliminate_knot(frame, fixed, at, n, gain, chol, value):  # type: ignore[no-
     return True
 
 
-@kernel
+@njit
 def solve(  # type: ignore[no-untyped-def]
     rows, gradient, defect, pivot_h, fixed, first, n, slopes, gains, chols, hux, huu, push, known,
     x, lam,

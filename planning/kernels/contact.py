@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from planning.jit import plain_inner, plain_kernel
+from dmoc.jit import njit
 from planning.kernels.gjk import FAR, clearly_farther, gjk
 from planning.kernels.kinematics import joint_poses, place_pieces
 from planning.kernels.scene import inside_tubes, skipped
@@ -15,7 +15,7 @@ from planning.kernels.scene import inside_tubes, skipped
 __all__ = ["contact_at", "first_contacts"]
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def contact_at(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, inflation: float,
     tip: Any, lines: Any, exempt: Any, inside: Any, joints: Any, axis: Any, s: Any, out: Any,
@@ -42,7 +42,7 @@ def contact_at(
     return -1
 
 
-@plain_kernel
+@njit(plain=True)
 def first_contacts(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, inflation: float,
     tip: Any, lines: Any, exempt: Any, inside: Any, work: Any, first: Any,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.jit import plain_inner
+from dmoc.jit import njit
 from planning.kernels.gjk import FAR, HIT, SOLVED, gjk, support
 
 __all__ = ["Grown", "grown_workspace", "overlap_depth", "signed_distance"]
@@ -43,7 +43,7 @@ def grown_workspace() -> Grown:
     )  # fmt: skip
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _corner(
     info: Any, size: Any, verts: Any, near_start: Any, near: Any, pose: Any, a: int, b: int,
     nx: float, ny: float, nz: float, row: Any,
@@ -68,7 +68,7 @@ def _corner(
     return row[0] * nx + row[1] * ny + row[2] * nz
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _plane(w: Any, i: int, k: int, m: int, face: Any) -> bool:
     """Unit normal and offset of the plane through rows i, k, m; False for a sliver."""
     ax, ay, az = w[k, 0] - w[i, 0], w[k, 1] - w[i, 1], w[k, 2] - w[i, 2]
@@ -85,7 +85,7 @@ def _plane(w: Any, i: int, k: int, m: int, face: Any) -> bool:
     return True
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _first_simplex(
     info: Any, size: Any, verts: Any, near_start: Any, near: Any, pose: Any, a: int, b: int,
     w: Any, spare: Any, face: Any,
@@ -155,7 +155,7 @@ def _first_simplex(
     return highest > FLAT_M
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _witness(w: Any, i: int, k: int, m: int, face: Any, margin_a: float, margin_b: float,
              high: float, out: Any, normal: Any) -> None:  # fmt: skip
     """Distance, nearest points and normal from the face whose support is `high`."""
@@ -189,7 +189,7 @@ def _witness(w: Any, i: int, k: int, m: int, face: Any, margin_a: float, margin_
         out[4 + c] = out[1 + c] + out[0] * face[c]
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def overlap_depth(
     info: Any, size: Any, verts: Any, near_start: Any, near: Any, pose: Any, a: int, b: int,
     grown: Any, out: Any, normal: Any,
@@ -280,7 +280,7 @@ def overlap_depth(
         points += 1
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def signed_distance(
     info: Any, size: Any, verts: Any, near_start: Any, near: Any, pose: Any, a: int, b: int,
     axis: Any, above: float, s: Any, grown: Any, out: Any, normal: Any,

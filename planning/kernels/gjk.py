@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import plain_inner, plain_kernel
+from dmoc.jit import njit
 from planning.kernels.simplex import INSIDE, nearest
 
 __all__ = ["FAR", "HIT", "OPEN", "SOLVED", "clearly_farther", "gjk", "outer_bound"]
@@ -31,7 +31,7 @@ GAP_M = 1e-10
 SCAN = 12
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def support(
     info: Any, size: Any, verts: Any, near_start: Any, near: Any, p: int,
     dx: float, dy: float, dz: float, hint: int,
@@ -79,7 +79,7 @@ def support(
     return verts[at, 0], verts[at, 1], verts[at, 2], at
 
 
-@plain_kernel
+@njit(plain=True)
 def outer_bound(pose: Any, size: Any, a: int, b: int) -> float:
     """A lower bound of the distance of separated pieces, from balls and boxes around them [m].
 
@@ -96,7 +96,7 @@ def outer_bound(pose: Any, size: Any, a: int, b: int) -> float:
     return other if other > bound else bound
 
 
-@plain_kernel
+@njit(plain=True)
 def clearly_farther(pose: Any, size: Any, a: int, b: int, limit: float) -> bool:
     """Whether balls or boxes around the pieces are farther apart than `limit`.
 
@@ -117,7 +117,7 @@ def clearly_farther(pose: Any, size: Any, a: int, b: int, limit: float) -> bool:
     return _ball_box_squared(pose, size, b, dx, dy, dz) > reach * reach
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _ball_box_squared(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> float:
     """Squared distance of the point centre + d to the box around piece p."""
     total = 0.0
@@ -128,13 +128,13 @@ def _ball_box_squared(pose: Any, size: Any, p: int, dx: float, dy: float, dz: fl
     return total
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _ball_box(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> float:
     """Distance of the point centre + d to the box around piece p."""
     return np.sqrt(_ball_box_squared(pose, size, p, dx, dy, dz))
 
 
-@plain_kernel
+@njit(plain=True)
 def gjk(
     info: Any, size: Any, verts: Any, near_start: Any, near: Any, pose: Any, a: int, b: int,
     axis: Any, above: float, below: float, s: Any, out: Any,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import plain_inner, plain_kernel
+from dmoc.jit import njit
 
 __all__ = [
     "ball_reach", "joint_poses", "place_piece", "place_pieces", "point_gradient", "reach_of_piece",
@@ -14,7 +14,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-@plain_kernel
+@njit(plain=True)
 def joint_poses(info: Any, frame: Any, q: Any, out: Any) -> None:
     """T_world_joint as rows (R row-major, t) in `out` (J, 12) and world axes in `out[:, 12:15]`.
 
@@ -52,7 +52,7 @@ def joint_poses(info: Any, frame: Any, q: Any, out: Any) -> None:
             out[j, 9 + r] = t
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def place_piece(joints: Any, j: int, frame: Any, size: Any, p: int, pose: Any) -> None:
     """T_world_piece = T_world_joint T_joint_piece into `pose[p]`; 12:15 get the ball's centre."""
     for r in range(3):
@@ -67,14 +67,14 @@ def place_piece(joints: Any, j: int, frame: Any, size: Any, p: int, pose: Any) -
         )
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def place_pieces(joints: Any, info: Any, frame: Any, size: Any, moving: int, pose: Any) -> None:
     """Poses of pieces 0 … moving−1 in `pose` (P, 15)."""
     for p in range(moving):
         place_piece(joints, info[p, 0], frame, size, p, pose)
 
 
-@plain_kernel
+@njit(plain=True)
 def point_gradient(
     joints: Any, info: Any, above: Any, joint: int, x: float, y: float, z: float,
     nx: float, ny: float, nz: float, sign: float, out: Any,
@@ -92,7 +92,7 @@ def point_gradient(
         out[j - 1] += sign * (nx * dx + ny * dy + nz * dz)
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _corner(pose: Any, size: Any, p: int, k: int) -> tuple[float, float, float]:
     """Corner k (0–7) of the box around piece p, in the world."""
     u = size[p, 6] + (size[p, 9] if k & 1 else -size[p, 9])
@@ -105,7 +105,7 @@ def _corner(pose: Any, size: Any, p: int, k: int) -> tuple[float, float, float]:
     )
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def reach_of_piece(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, size: Any, p: int, out: Any
 ) -> None:
@@ -133,7 +133,7 @@ def reach_of_piece(
             out[j - 1] = np.sqrt(out[j - 1])
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def ball_reach(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, radius: float, p: int, out: Any
 ) -> None:
@@ -153,7 +153,7 @@ def ball_reach(
         out[j - 1] = np.sqrt(dx * dx + dy * dy + dz * dz) + radius
 
 
-@plain_kernel
+@njit(plain=True)
 def relative_motion(above: Any, ja: int, jb: int, ra: Any, rb: Any, delta: Any) -> float:
     """Σ_j R_j δ_j over the joints that move one of two pieces and not both [m].
 
@@ -169,7 +169,7 @@ def relative_motion(above: Any, ja: int, jb: int, ra: Any, rb: Any, delta: Any) 
     return total
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def weight_of_piece(
     joints: Any, info: Any, above: Any, joint: int, pose: Any, size: Any, p: int, out: Any
 ) -> None:

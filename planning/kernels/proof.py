@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from planning.jit import plain_inner, plain_kernel
+from dmoc.jit import njit
 from planning.kernels.gjk import FAR, SOLVED, clearly_farther, gjk
 from planning.kernels.kinematics import (
     joint_poses,
@@ -58,7 +58,7 @@ def bisection_workspace(pieces: int, pairs: int, max_depth: int) -> Bisection:
     )  # fmt: skip
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _blossom(b: Any, j: int, x: float, y: float, z: float) -> float:
     """Blossom of the cubic Bézier coordinate b[:, j] at (x, y, z)."""
     p0 = b[0, j] + x * (b[1, j] - b[0, j])
@@ -68,7 +68,7 @@ def _blossom(b: Any, j: int, x: float, y: float, z: float) -> float:
     return p0 + z * (p1 - p0)
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _middle_and_spread(b: Any, lo: float, hi: float, q: Any, delta: Any) -> None:
     """q at the middle of [lo, hi] and δ: the control points of the part enclose the curve."""
     mid = 0.5 * (lo + hi)
@@ -82,7 +82,7 @@ def _middle_and_spread(b: Any, lo: float, hi: float, q: Any, delta: Any) -> None
         delta[j] = spread
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _tip_motion(
     chain: Any, joints: Any, tip: Any, x: float, y: float, z: float, delta: Any
 ) -> float:
@@ -102,7 +102,7 @@ def _tip_motion(
     return total
 
 
-@plain_kernel
+@njit(plain=True)
 def prove(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, bezier: Any, tracking: float,
     tip: Any, lines: Any, exempt: Any, covered: Any, work: Any, tree: Any, max_failures: int,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from planning.jit import plain_kernel
+from dmoc.jit import njit
 from planning.kernels.gjk import FAR, clearly_farther, gjk
 from planning.kernels.kinematics import joint_poses, place_piece, reach_of_piece, relative_motion
 
 __all__ = ["never_touch"]
 
 
-@plain_kernel
+@njit(plain=True)
 def never_touch(
     chain: Any, solids: Any, pose: Any, a: int, b: int, lower: Any, upper: Any, least: float,
     most_cells: int, work: Any, stack: Any,

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import plain_inner, plain_kernel
+from dmoc.jit import njit
 from planning.kernels.depth import signed_distance
 from planning.kernels.gjk import FAR, SOLVED, clearly_farther, gjk, outer_bound
 from planning.kernels.kinematics import (
@@ -31,7 +31,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def tip_position(joints: Any, tip: Any) -> tuple[float, float, float]:
     """The tool tip in the world."""
     j = int(tip[0])
@@ -43,7 +43,7 @@ def tip_position(joints: Any, tip: Any) -> tuple[float, float, float]:
     )
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def tube_stray(x: float, y: float, z: float, line: Any) -> float:
     """Distance of a point to the segment of a departure line [m]."""
     px, py, pz = x - line[0], y - line[1], z - line[2]
@@ -53,7 +53,7 @@ def tube_stray(x: float, y: float, z: float, line: Any) -> float:
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def inside_tubes(joints: Any, tip: Any, lines: Any, inside: Any) -> None:
     """inside[l]: whether the tip lies in the tube of line l."""
     if lines.shape[0] == 0:
@@ -63,7 +63,7 @@ def inside_tubes(joints: Any, tip: Any, lines: Any, inside: Any) -> None:
         inside[k] = tube_stray(x, y, z, lines[k]) <= lines[k, 7]
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def skipped(exempt: Any, inside: Any, m: int) -> bool:
     """Whether pair m is ignored by one of the tubes that the tip is in."""
     for k in range(exempt.shape[0]):  # noqa: SIM110 (numba compiles no any() of a generator)
@@ -72,7 +72,7 @@ def skipped(exempt: Any, inside: Any, m: int) -> bool:
     return False
 
 
-@plain_kernel
+@njit(plain=True)
 def smallest_distances(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
     tip: Any, lines: Any, exempt: Any, inside: Any, work: Any, phi: Any, nearest: Any, deep: Any,
@@ -129,7 +129,7 @@ def smallest_distances(
             deep[k] = True  # the bounds that order the pairs say nothing about depths
 
 
-@plain_kernel
+@njit(plain=True)
 def near_pairs(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
     tip: Any, lines: Any, exempt: Any, inside: Any, work: Any, grown: Any, index: Any, values: Any,
@@ -188,7 +188,7 @@ def near_pairs(
     return rows
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def contact_gradient(chain: Any, joints: Any, joint_a: int, joint_b: int, row: Any) -> None:
     """Gradient of a distance row from its points and normal, into `row[10:]`."""
     for j in range(10, row.shape[0]):
@@ -203,7 +203,7 @@ def contact_gradient(chain: Any, joints: Any, joint_a: int, joint_b: int, row: A
     )  # fmt: skip
 
 
-@plain_kernel
+@njit(plain=True)
 def engine_rows(
     chain: Any, solids: Any, pairs: Any, q: Any, work: Any, index: Any, values: Any
 ) -> None:
@@ -215,7 +215,7 @@ def engine_rows(
         contact_gradient(chain, joints, solids.info[a, 0], solids.info[b, 0], values[r])
 
 
-@plain_kernel
+@njit(plain=True)
 def reach_batch(
     chain: Any, solids: Any, pose: Any, moving: int, q: Any, work: Any, reach: Any, weight: Any
 ) -> None:
@@ -235,14 +235,14 @@ def reach_batch(
             weight_of_piece(joints, chain.info, chain.above, joint, pose, solids.size, p, weight[k])
 
 
-@plain_kernel
+@njit(plain=True)
 def poses_at(chain: Any, solids: Any, pose: Any, moving: int, q: Any, work: Any) -> None:
     """Poses of all pieces at one q (n,) into `pose`."""
     joint_poses(chain.info, chain.frame, q, work.joints)
     place_pieces(work.joints, solids.info, solids.frame, solids.size, moving, pose)
 
 
-@plain_kernel
+@njit(plain=True)
 def tips_at(chain: Any, tip: Any, q: Any, work: Any, out: Any) -> None:
     """Tip positions (K, 3) at rows of q."""
     joints = work.joints
@@ -251,7 +251,7 @@ def tips_at(chain: Any, tip: Any, q: Any, work: Any, out: Any) -> None:
         out[k, 0], out[k, 1], out[k, 2] = tip_position(joints, tip)
 
 
-@plain_kernel
+@njit(plain=True)
 def candidate_pairs(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, cap: float,
     tip: Any, lines: Any, exempt: Any, inside: Any, work: Any, chosen: Any,

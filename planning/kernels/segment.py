@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from planning.jit import plain_inner, plain_kernel
+from dmoc.jit import njit
 from planning.kernels.contact import contact_at
 from planning.kernels.gjk import FAR, clearly_farther, gjk, outer_bound
 from planning.kernels.kinematics import (
@@ -76,7 +76,7 @@ class Scan(NamedTuple):
     known: Known
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _near_pairs(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, joints: Any, delta: Any,
     inflation: float, reach: Any, sweep: Any, known: Any,
@@ -127,7 +127,7 @@ def _near_pairs(
     return count
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _recent_contact(
     chain: Any, solids: Any, pairs: Any, pose: Any, moving: int, q: Any, inflation: float, tip: Any,
     lines: Any, exempt: Any, inside: Any, work: Any, recent: Any,
@@ -158,7 +158,7 @@ def _recent_contact(
     return -1
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _remember(recent: Any, m: int) -> int:
     """Pair m, now the first of those that touched lately."""
     at = 0
@@ -171,7 +171,7 @@ def _remember(recent: Any, m: int) -> int:
     return m
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _halving(at: int, total: int) -> int:
     """0 … total (a power of two) in the order total, 0, total/2, total/4, 3 total/4, …"""
     if at == 0:
@@ -185,7 +185,7 @@ def _halving(at: int, total: int) -> int:
     return total // (2 * level) * (2 * (at - 1 - level) + 1)
 
 
-@plain_kernel
+@njit(plain=True)
 def segment_contact(scan: Any, q0: Any, q1: Any, from_free: bool) -> int:
     """A touching pair on the segment from q0 to q1 (n,), or −1.
 

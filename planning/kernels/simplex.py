@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import plain_inner
+from dmoc.jit import njit
 
 __all__ = ["nearest"]
 
 INSIDE = 5
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _dot(s: Any, i: int, k: int) -> float:
     return s[i, 0] * s[k, 0] + s[i, 1] * s[k, 1] + s[i, 2] * s[k, 2]
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _edge(s: Any, i: int, k: int, weight: Any) -> float:
     """Weights of rows i, k at the point of edge ik nearest to the origin; its squared norm."""
     ii, kk, ik = _dot(s, i, i), _dot(s, k, k), _dot(s, i, k)
@@ -40,7 +40,7 @@ def _edge(s: Any, i: int, k: int, weight: Any) -> float:
     return total
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _triangle(s: Any, i: int, k: int, m: int, weight: Any) -> float:
     """Weights of rows i, k, m at the nearest point of the triangle; its squared norm."""
     abx, aby, abz = s[k, 0] - s[i, 0], s[k, 1] - s[i, 1], s[k, 2] - s[i, 2]
@@ -77,7 +77,7 @@ def _triangle(s: Any, i: int, k: int, m: int, weight: Any) -> float:
     return best
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _signed_area(s: Any, i: int, k: int, nx: float, ny: float, nz: float) -> float:
     """(w_i × w_k) · n."""
     return (
@@ -87,7 +87,7 @@ def _signed_area(s: Any, i: int, k: int, nx: float, ny: float, nz: float) -> flo
     )
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _volume(s: Any, i: int, k: int, m: int) -> float:
     """w_i · (w_k × w_m)."""
     return (
@@ -97,7 +97,7 @@ def _volume(s: Any, i: int, k: int, m: int) -> float:
     )
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def nearest(s: Any, count: int, lam: Any, weight: Any) -> int:
     """Reduce `count` rows of `s` to those that carry the point nearest to the origin.
 

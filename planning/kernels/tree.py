@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from planning.jit import plain_inner, plain_kernel
+from dmoc.jit import njit
 from planning.kernels.segment import segment_contact
 
 __all__ = ["grow_trees", "shorten"]
@@ -18,7 +18,7 @@ __all__ = ["grow_trees", "shorten"]
 TRAPPED = -1
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _nearest(nodes: Any, count: int, scale: Any, q: Any) -> tuple[int, float]:
     """The node nearest to q, and how far it is."""
     best, at = 1e300, 0
@@ -32,7 +32,7 @@ def _nearest(nodes: Any, count: int, scale: Any, q: Any) -> tuple[int, float]:
     return at, np.sqrt(best)
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _extend(
     scan: Any, nodes: Any, parent: Any, count: int, scale: Any, target: Any, reach_m: float,
     blocked: Any,
@@ -55,7 +55,7 @@ def _extend(
     return count
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _is(nodes: Any, at: int, q: Any) -> bool:
     """Whether a node is exactly q."""
     for j in range(q.shape[0]):  # noqa: SIM110 (numba compiles no all() of a generator)
@@ -64,7 +64,7 @@ def _is(nodes: Any, at: int, q: Any) -> bool:
     return True
 
 
-@plain_kernel
+@njit(plain=True)
 def grow_trees(
     scan: Any, scale: Any, reach_m: float, drawn: Any, nodes: Any, parent: Any, count: Any,
     meeting: Any, blocked: Any,
@@ -112,7 +112,7 @@ def grow_trees(
     return drawn.shape[0], checks
 
 
-@plain_inner
+@njit(plain=True, inner=True)
 def _drop_knots(scan: Any, path: Any, count: int) -> tuple[int, int]:
     """Remove interior knots whose neighbours see each other, from the start on: knots, checks."""
     kept, checks = 0, 0
@@ -128,7 +128,7 @@ def _drop_knots(scan: Any, path: Any, count: int) -> tuple[int, int]:
     return kept + 1, checks
 
 
-@plain_kernel
+@njit(plain=True)
 def shorten(
     scan: Any, scale: Any, path: Any, count: int, drawn: Any, patience: int, along: Any, ends: Any
 ) -> tuple[int, int]:

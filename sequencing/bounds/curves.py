@@ -8,13 +8,12 @@ integral over time is a lower bound of the cost up to t.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import numba
 import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.cost import Cost
+from dmoc.jit import njit
 from dmoc.robot import Robot
 from sequencing.bounds.field import CellGrid, FieldCells
 from sequencing.bounds.series import ArmSeries
@@ -82,14 +81,7 @@ def leaving_curves(
     return Curves(spent, weight, float(least[0, 1]))
 
 
-def _kernel(function: Any) -> Any:
-    try:
-        return numba.njit(cache=True)(function)
-    except RuntimeError:
-        return numba.njit(function)
-
-
-@_kernel
+@njit
 def _least_form(a, b, c, u, w):  # type: ignore[no-untyped-def]
     """min of a x² − 2 b |x| |y| + c y² over |x| ≤ u, |y| ≤ w, b ≥ 0; never positive."""
     best = min(0.0, a * u * u - 2.0 * b * u * w + c * w * w)
@@ -99,7 +91,7 @@ def _least_form(a, b, c, u, w):  # type: ignore[no-untyped-def]
     return min(best, a * x * x - 2.0 * b * x * w + c * w * w)
 
 
-@_kernel
+@njit
 def _boxes(  # type: ignore[no-untyped-def]
     x, offset, radius, drift, spread, speed, bearing, around, lower, step, alpha, low, high,
     diagonal, cross, price_time, price_effort,

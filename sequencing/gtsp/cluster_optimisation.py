@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.jit import kernel as jit
+from dmoc.jit import njit
 
 
-@jit
+@njit
 def next_layer(cost, dist, parent, first, last, begin, end):  # type: ignore[no-untyped-def]
     """Shortest lengths to nodes begin … end−1 from those of the layer before, first … last−1."""
     for v in range(begin, end):
@@ -26,7 +26,7 @@ def next_layer(cost, dist, parent, first, last, begin, end):  # type: ignore[no-
         parent[v] = origin
 
 
-@jit
+@njit
 def close_tour(cost, dist, parent, first, last, size, node):  # type: ignore[no-untyped-def]
     """Lead the last layer back to node[0]; fills node[1:size] and returns the closed cost."""
     best = np.inf
@@ -42,7 +42,7 @@ def close_tour(cost, dist, parent, first, last, size, node):  # type: ignore[no-
     return best
 
 
-@jit
+@njit
 def optimise_anchored(cost, ptr, order, size, node, dist, parent):  # type: ignore[no-untyped-def]
     """Best nodes for `order[:size]` with the node of order[0] kept; returns the closed cost.
 
@@ -58,7 +58,7 @@ def optimise_anchored(cost, ptr, order, size, node, dist, parent):  # type: igno
     return close_tour(cost, dist, parent, first, last, size, node)
 
 
-@jit
+@njit
 def optimise_windows(cost, ptr, order, active, edge, size, node, dist, parent):  # type: ignore[no-untyped-def]
     """As `optimise_anchored`, but only the nodes of positions marked in `active` may change.
 
@@ -84,7 +84,7 @@ def optimise_windows(cost, ptr, order, active, edge, size, node, dist, parent): 
     return close_tour(cost, dist, parent, first, last, size, node)
 
 
-@jit
+@njit
 def optimise_clusters(cost, ptr, order, size, node, dist, parent):  # type: ignore[no-untyped-def]
     """Exact optimum over all nodes for the cyclic `order[:size]`; the order is not turned.
 
@@ -113,7 +113,7 @@ def optimise_clusters(cost, ptr, order, size, node, dist, parent):  # type: igno
     return best
 
 
-@jit
+@njit
 def closed_cost(cost, node, size):  # type: ignore[no-untyped-def]
     """Σ cost[node_k, node_{k+1}], closed; 0 for one node."""
     total = 0.0

@@ -14,18 +14,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.jit import kernel as jit
+from dmoc.jit import njit
 
 INF = np.int32(1 << 29)
 
 
-@jit
+@njit
 def squeeze(mask, g):  # type: ignore[no-untyped-def]
     """The mask without its bit g."""
     return ((mask >> (g + 1)) << g) | (mask & ((1 << g) - 1))
 
 
-@jit
+@njit
 def fill(cost, ptr, leave, needs, base, low, table):  # type: ignore[no-untyped-def]
     """Fill the table.
 
@@ -100,7 +100,7 @@ def fill(cost, ptr, leave, needs, base, low, table):  # type: ignore[no-untyped-
                     v += 2
 
 
-@jit
+@njit
 def trace(cost, ptr, back, base, table):  # type: ignore[no-untyped-def]
     """Optimal cost and nodes (m,) from a filled table; `back` (n,) leads to the depot."""
     m = len(ptr) - 1

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.jit import kernel as jit
+from dmoc.jit import njit
 from sequencing.gtsp.cluster_optimisation import closed_cost, optimise_clusters
 from sequencing.gtsp.rng import below
 from sequencing.gtsp.ruin_recreate_kernel import insert_cheapest
 
 
-@jit
+@njit
 def two_opt(cost, turned, order, node, first, symmetric):  # type: ignore[no-untyped-def]
     """One sweep of segment reversals with the nodes kept; returns the gain.
 
@@ -53,7 +53,7 @@ def two_opt(cost, turned, order, node, first, symmetric):  # type: ignore[no-unt
     return gain
 
 
-@jit
+@njit
 def move_segments(cost, order, node, first, longest, work_order, work_node):  # type: ignore[no-untyped-def]
     """One sweep of moving segments of 2 … longest clusters (or-3opt); returns the gain."""
     m = len(order)
@@ -97,7 +97,7 @@ def move_segments(cost, order, node, first, longest, work_order, work_node):  # 
     return gain
 
 
-@jit
+@njit
 def swap_sweep(cost, order, node, first):  # type: ignore[no-untyped-def]
     """One sweep of exchanging two clusters that are not neighbours; returns the gain."""
     m = len(order)
@@ -120,7 +120,7 @@ def swap_sweep(cost, order, node, first):  # type: ignore[no-untyped-def]
     return gain
 
 
-@jit
+@njit
 def reinsert_sweep(  # type: ignore[no-untyped-def]
     cost, turned, into, outof, ptr, before, ordered, pinned, state, order, node, edge
 ):
@@ -147,7 +147,7 @@ def reinsert_sweep(  # type: ignore[no-untyped-def]
         )  # fmt: skip
 
 
-@jit
+@njit
 def local_search(  # type: ignore[no-untyped-def]
     cost, turned, into, outof, ptr, before, ordered, pinned, symmetric, state, order, node
 ):

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.jit import kernel as jit
+from dmoc.jit import njit
 
 
-@jit
+@njit
 def memory_rows(members, bits, needs, ptr, offset, total, rows):  # type: ignore[no-untyped-def]
     """rows[h, P, g]: where node 0 would stand in the row on arrival in g from h with memory P.
 
@@ -48,7 +48,7 @@ def memory_rows(members, bits, needs, ptr, offset, total, rows):  # type: ignore
                 rows[h, memory, g] = total if refused else here
 
 
-@jit
+@njit
 def ng_backward(  # type: ignore[no-untyped-def]
     link, to, group, price, back, ptr, early, late, bits, offset, rows, forward, cut, out
 ):
@@ -96,7 +96,7 @@ def ng_backward(  # type: ignore[no-untyped-def]
                         here[row + u] = best
 
 
-@jit
+@njit
 def ng_trace(link, to, group, price, leave, ptr, bits, offset, rows, togo, path):  # type: ignore[no-untyped-def]
     """Cost of the best ng-route, and its clusters in path (m,), from `ng_backward`'s table."""
     m = len(ptr) - 1
@@ -127,7 +127,7 @@ def ng_trace(link, to, group, price, leave, ptr, bits, offset, rows, togo, path)
     return best
 
 
-@jit
+@njit
 def ng_arcs(  # type: ignore[no-untyped-def]
     link, to, group, price, leave, ptr, bits, offset, rows, togo, cut, through, first
 ):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.jit import kernel as jit
+from dmoc.jit import njit
 
 
 def stream(generator: np.random.Generator) -> np.ndarray:
@@ -15,7 +15,7 @@ def stream(generator: np.random.Generator) -> np.ndarray:
     return generator.integers(0, 2**63, size=1, dtype=np.uint64)
 
 
-@jit
+@njit
 def uniform(state):  # type: ignore[no-untyped-def]
     """Next number in [0, 1)."""
     state[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -26,7 +26,7 @@ def uniform(state):  # type: ignore[no-untyped-def]
     return np.float64(z >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@jit
+@njit
 def below(state, n):  # type: ignore[no-untyped-def]
     """Next whole number in 0 … n−1."""
     return min(int(uniform(state) * n), n - 1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.jit import kernel as jit
+from dmoc.jit import njit
 from sequencing.gtsp.cluster_optimisation import (
     closed_cost,
     optimise_anchored,
@@ -19,7 +19,7 @@ from sequencing.gtsp.cluster_optimisation import (
 from sequencing.gtsp.rng import below, uniform
 
 
-@jit
+@njit
 def choose(state, order, place, near, pinned, largest, gone):  # type: ignore[no-untyped-def]
     """Mark clusters to remove in `gone` (M,) and return how many.
 
@@ -73,7 +73,7 @@ def choose(state, order, place, near, pinned, largest, gone):  # type: ignore[no
     return count
 
 
-@jit
+@njit
 def insert_cheapest(  # type: ignore[no-untyped-def]
     cost,
     turned,
@@ -142,7 +142,7 @@ def insert_cheapest(  # type: ignore[no-untyped-def]
     return best
 
 
-@jit
+@njit
 def spread(order, touched, active):  # type: ignore[no-untyped-def]
     """active[k]: position k is within two places of a touched cluster (cyclic)."""
     m = len(order)
@@ -153,7 +153,7 @@ def spread(order, touched, active):  # type: ignore[no-untyped-def]
                 active[(k + d + m) % m] = True
 
 
-@jit
+@njit
 def turn(array, shift, work):  # type: ignore[no-untyped-def]
     """Turn array (M,) so that position `shift` comes first."""
     m = len(array)
@@ -163,7 +163,7 @@ def turn(array, shift, work):  # type: ignore[no-untyped-def]
         array[k] = work[(k + shift) % m]
 
 
-@jit
+@njit
 def anneal(  # type: ignore[no-untyped-def]
     cost, turned, into, outof, ptr, cluster, before, ordered, pinned, near,
     current, best, begin, end, total, hot, cold, largest, blink, goal, state,

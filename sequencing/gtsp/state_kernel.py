@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.jit import kernel as jit
+from dmoc.jit import njit
 
 
-@jit
+@njit
 def expand(  # type: ignore[no-untyped-def]
     link, to, group, price, cluster, needs, members, bits, rows, togo, cut,
     mask, node, length, count, slot, out_mask, out_node, out_length, out_parent,

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from planning.jit import kernel as jit
+from dmoc.jit import njit
 
 
-@jit
+@njit
 def walk_forward(cost, leave, ptr, early, late, out):  # type: ignore[no-untyped-def]
     """out (m+1, n): out[k, v] = least cost of k visits from the root, the last one at v.
 
@@ -46,7 +46,7 @@ def walk_forward(cost, leave, ptr, early, late, out):  # type: ignore[no-untyped
                     there[v] = np.inf
 
 
-@jit
+@njit
 def walk_backward(turned, back, ptr, early, late, out):  # type: ignore[no-untyped-def]
     """out (m+1, n): out[k, v] = least cost from v at position k through m visits to the root.
 
@@ -78,7 +78,7 @@ def walk_backward(turned, back, ptr, early, late, out):  # type: ignore[no-untyp
                     here[u] = np.inf
 
 
-@jit
+@njit
 def walk_trace(cost, ptr, cluster, forward, back, visits):  # type: ignore[no-untyped-def]
     """Count in visits (m,) how often the best walk visits each cluster; returns its cost."""
     m = len(ptr) - 1

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from dmoc.jit import njit
 from sequencing.timing.exact_map import ExactPair, free_blocks
 from sequencing.timing.quadtree import block_motion, num_levels, push_quarters
 from sequencing.timing.segment_distance import segment_distance
@@ -43,7 +43,7 @@ class CoordinationMap:
         return CoordinationMap(blocked, self.tests)
 
 
-@numba.njit(cache=True)
+@njit
 def _capsule_map(ends_a, radius_a, travel_a, ends_b, radius_b, travel_b, pairs, clearance, blocked):
     """Fill `blocked`; returns the number of distances computed."""
     cells = blocked.shape[0]

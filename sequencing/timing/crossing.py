@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 
+from dmoc.jit import njit
 from sequencing.timing.coordination import CoordinationMap
 
 __all__ = ["Crossings", "PairMaps"]
@@ -21,7 +21,7 @@ __all__ = ["Crossings", "PairMaps"]
 FREE, UNKNOWN = -1, -2
 
 
-@numba.njit(cache=True)
+@njit
 def _walk(blocked, u0, v0, u1, v1):
     """True if the segment (u0, v0)-(u1, v1), in cells and growing, touches only free cells."""
     cells = blocked.shape[0]
@@ -44,12 +44,12 @@ def _walk(blocked, u0, v0, u1, v1):
             j += 1
 
 
-@numba.njit(cache=True)
+@njit
 def _phase(t, start, override, duration):
     return min(max((t - start) * override, 0.0), duration)
 
 
-@numba.njit(cache=True)
+@njit
 def pair_kernel(start, override, duration, a0, a1, b0, b1, index, blocks, total, found):
     """Count of colliding pairs put into `found` (most, 2), or -1 if found[0] has no map yet."""
     a, b = a0, b0
@@ -104,7 +104,7 @@ def pair_kernel(start, override, duration, a0, a1, b0, b1, index, blocks, total,
         t = max(t, until)
 
 
-@numba.njit(cache=True)
+@njit
 def many_kernel(timing, duration, a0, a1, b0, b1, index, blocks, total, begin, free, found):
     """Clear `free` (P,) where timing (P, 2, S) collides; P, or the one that lacks the map found."""
     for p in range(begin, timing.shape[0]):

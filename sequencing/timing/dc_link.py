@@ -25,10 +25,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from dmoc.errors import Fault, InputError
+from dmoc.jit import njit
 
 __all__ = ["LinkParams", "LinkRun", "energy_price", "simulate_clip", "simulate_hysteresis"]
 
@@ -100,7 +100,7 @@ class LinkRun:
         return np.sqrt(2.0 * self.stored_j / link.capacitance_f)
 
 
-@numba.njit(cache=True)
+@njit
 def clip_kernel(drawn, low, high, start, grid, chopper, stored):
     """Fill grid, chopper (K,) and stored (K+1,) [J]; returns nothing."""
     w = start
@@ -115,7 +115,7 @@ def clip_kernel(drawn, low, high, start, grid, chopper, stored):
         stored[k + 1] = w
 
 
-@numba.njit(cache=True)
+@njit
 def price_kernel(drawn, low, high, start, factor, price):
     """Fill price (K,) = dJ/d drawn and return J; one forward and one backward pass."""
     w = start
@@ -143,7 +143,7 @@ def price_kernel(drawn, low, high, start, factor, price):
     return factor * (bought - (w - start))
 
 
-@numba.njit(cache=True)
+@njit
 def hysteresis_kernel(
     drawn,
     dt,

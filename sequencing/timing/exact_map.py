@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from dmoc.jit import njit
 from planning.kernels.gjk import FAR, HIT, SOLVED, gjk
 from planning.packed import Solids, pack_solids
 from planning.pieces import Piece
@@ -53,7 +53,7 @@ def solid_poses(shapes: ArmShapes, rotation: np.ndarray, origin: np.ndarray) -> 
     return np.concatenate([turned.reshape(*turned.shape[:2], 9), place, ball], axis=2)
 
 
-@numba.njit(cache=True)
+@njit
 def _kernel(
     info, size, verts, near_start, near_vertex, poses_a, poses_b,
     ends_a, radius_a, travel_a, ends_b, radius_b, travel_b, pairs, clearance, blocked,

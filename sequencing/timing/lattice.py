@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import product
 
-import numba
 import numpy as np
+
+from dmoc.jit import njit
 
 __all__ = ["band", "least_times", "moves_of", "needs_of"]
 
@@ -30,7 +31,7 @@ def needs_of(
     return need
 
 
-@numba.njit(cache=True)
+@njit
 def _sweep(counts, padded, need, forward, out):
     """Least time from the first point to each (forward) or from each to the last: out (points,)."""
     robots = counts.shape[0]

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from dmoc.jit import njit
 
 __all__ = ["boxes_overlap"]
 
 
-@numba.njit(cache=True)
+@njit
 def boxes_overlap(first, half_a, second, half_b, offset):
     """True unless a face normal or a cross product of edges separates the boxes.
 

@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from dmoc.drive import REST_RAD_S
+from dmoc.jit import njit
 
 __all__ = ["exact_kernel"]
 
 
-@numba.njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def exact_kernel(static, speed, velocity, acceleration, drive, override, out):
     """Fill out (P,) [W]: tau = static + override^2 speed, qd = override velocity, (P, n) each.
 

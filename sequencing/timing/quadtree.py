@@ -7,12 +7,12 @@ its centre is sample (2 i0 + size, 2 j0 + size).
 
 from __future__ import annotations
 
-import numba
+from dmoc.jit import njit
 
 __all__ = ["block_motion", "num_levels", "push_quarters"]
 
 
-@numba.njit(cache=True)
+@njit
 def num_levels(cells):
     """Levels of a quadtree over `cells` x `cells`, the single cells included."""
     levels = 1
@@ -21,7 +21,7 @@ def num_levels(cells):
     return levels
 
 
-@numba.njit(cache=True)
+@njit
 def block_motion(travel_a, a, i0, travel_b, b, j0, size):
     """How far pieces a and b can move, together, between the centre of a block and its rim [m]."""
     ma, mb = 2 * i0 + size, 2 * j0 + size
@@ -34,7 +34,7 @@ def block_motion(travel_a, a, i0, travel_b, b, j0, size):
     )
 
 
-@numba.njit(cache=True)
+@njit
 def push_quarters(stack, top, i0, j0, depth, size):
     """Put the four quarters of a block on the stack of (i0, j0, depth); returns its new top."""
     half = size // 2

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import coal
-import numba
 import numpy as np
 
+from dmoc.jit import njit
 from planning.shapes import Body
 from sequencing.timing.arm_shapes import ArmShapes, arm_shapes, body_shapes, joint_frames
 from sequencing.timing.cell_types import CellRobot
@@ -166,7 +166,7 @@ class SampledCheck:
         return False
 
 
-@numba.njit(cache=True)
+@njit
 def _near_capsules(ends_a, radius_a, ends_b, radius_b):
     """Rows (sample, solid of a, solid of b) whose capsules meet; b may have one sample only."""
     samples = ends_a.shape[0]

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from dmoc.jit import njit
 
 __all__ = ["segment_distance", "segment_distances"]
 
 
-@numba.njit(cache=True)
+@njit
 def segment_distance(first, second):
     """Distance [m] of segments (2, 3) and (2, 3); a segment may be a point.
 
@@ -55,7 +56,7 @@ def segment_distance(first, second):
     return np.sqrt(x * x + y * y + z * z)
 
 
-@numba.njit(cache=True)
+@njit
 def segment_distances(first, second):
     """Distances (A, B) [m] of all pairs of segments (A, 2, 3) and (B, 2, 3)."""
     out = np.empty((first.shape[0], second.shape[0]))

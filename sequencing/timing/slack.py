@@ -20,10 +20,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 from dmoc.errors import Fault, ProblemError
+from dmoc.jit import njit
 from sequencing.timing.path_power import MIN_OVERRIDE
 
 __all__ = ["SlackGraph", "decode", "decode_batch", "encode", "pull_back", "slack_graph"]
@@ -148,7 +148,7 @@ def _topological(preds: list[list[int]]) -> list[int]:
 _STRETCH = 1.0 / MIN_OVERRIDE - 1.0
 
 
-@numba.njit(cache=True)
+@njit
 def decode_kernel(
     duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, z, out
 ):
@@ -168,7 +168,7 @@ def decode_kernel(
         out[1, k] = duration[k] / (duration[k] + longer)
 
 
-@numba.njit(cache=True)
+@njit
 def decode_many_kernel(
     duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, z, out
 ):
@@ -178,7 +178,7 @@ def decode_many_kernel(
         )
 
 
-@numba.njit(cache=True)
+@njit
 def pull_back_kernel(
     duration, order, pred_at, pred, lag, latest, fixed, z, timing, by_timing, grad
 ):

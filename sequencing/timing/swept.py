@@ -15,9 +15,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from dmoc.jit import njit
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from sequencing.timing.arm_shapes import ArmShapes, joint_axis, joint_frames
@@ -111,7 +111,7 @@ def _levers(
     return lever
 
 
-@numba.njit(cache=True)
+@njit
 def _lever_kernel(ends, radius, origin, axes, reach, turn, slides, column, lever):
     """Fill lever (P, C, n); `reach` (C, J) is 0 where joint j does not carry solid c."""
     pieces, solids = lever.shape[0], lever.shape[1]

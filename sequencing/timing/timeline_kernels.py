@@ -6,12 +6,11 @@
 
 from __future__ import annotations
 
-import numba
-
+from dmoc.jit import njit
 from sequencing.timing.dc_link import price_kernel
 
 
-@numba.njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def drawn_kernel(tables, spans, first, link_of, start, override, total_s, scratch, drawn):
     """Fill drawn (L, K) [J]; scratch needs as many entries as the longest table has nodes."""
     coefficients, node, cell_s = tables
@@ -71,7 +70,7 @@ def drawn_kernel(tables, spans, first, link_of, start, override, total_s, scratc
                     t = max(t, k * dt)
 
 
-@numba.njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 def gradient_kernel(tables, spans, first, link_of, start, override, total_s, price, grad):
     """Fill grad (2, S): dJ/d start and dJ/d override, price (L, K) held fixed."""
     coefficients, node, cell_s = tables
@@ -124,7 +123,7 @@ def gradient_kernel(tables, spans, first, link_of, start, override, total_s, pri
                     grad[1, j] += weight * (by_delta + after * duration_s[j] / (delta * delta))
 
 
-@numba.njit(cache=True)
+@njit
 def cost_kernel(
     tables, spans, first, link_of, limits, start, override, total_s, scratch, drawn, price
 ):
@@ -137,7 +136,7 @@ def cost_kernel(
     return total
 
 
-@numba.njit(cache=True)
+@njit
 def value_kernel(drawn, low, high, factor):
     w = low
     bought = 0.0
@@ -148,7 +147,7 @@ def value_kernel(drawn, low, high, factor):
     return factor * (bought - (w - low))
 
 
-@numba.njit(cache=True)
+@njit
 def cost_batch_kernel(
     tables, spans, first, link_of, limits, start, override, total_s, scratch, drawn, out
 ):

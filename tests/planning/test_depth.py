@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from dmoc.jit import njit
 from planning.engines.coal_engine import CoalEngine
-from planning.jit import kernel
 from planning.kernels import depth as inner
 from planning.shapes import Shape
 from tests.planning.test_engines import Pair, random_pose, random_shape
 
 
-@kernel
+@njit
 def overlap_depth(info, size, verts, near_start, near, pose, a, b, grown, out, normal):
     """The inner kernel, called from Python."""
     inner.overlap_depth(info, size, verts, near_start, near, pose, a, b, grown, out, normal)
 
 
-@kernel
+@njit
 def signed_distance(
     info, size, verts, near_start, near, pose, a, b, axis, above, s, grown, out, normal
 ):
