@@ -8,7 +8,7 @@ both ends. For the comparison the acceleration limit is off for everybody; croco
 speed limits, so its J may be lower: the last ratio counts only the pairs where its motion keeps all
 limits anyway. Ours is shown with the acceleration limit as well, and on twice the grid at fixed
 time, where its J is what crocoddyl reaches with its fourth-order steps. "Own solver" is
-`IpoptParams(solver="structured")` in place of Ipopt, free time. CPU is process time of
+`SolveParams(solver="structured")` in place of Ipopt, free time. CPU is process time of
 the solve alone; J is the cost of the cubic interpolant with the torques that it needs by inverse
 dynamics, for everybody alike; ratios are per problem, medians over problems. Peers that are not
 installed are left out and named. Results: `benchmarks/results/ocp.md` and `.json`.
@@ -33,7 +33,7 @@ from ocp_peers import Crocoddyl, Drake, Rockit, Toppra
 
 from dmoc.cost import Cost
 from dmoc.motion import MotionProblem
-from dmoc.nlp_types import DEFAULT_PARAMS, IpoptParams
+from dmoc.nlp_types import DEFAULT_PARAMS, SolveParams
 from dmoc.resimulation import replay_motion
 from dmoc.robot import Robot, load_robot
 from dmoc.running_cost import trajectory_cost
@@ -42,7 +42,7 @@ from dmoc.trajectory import JointTrajectory
 
 RESULTS = Path(__file__).parent / "results"
 REPEATS = 3
-OWN = IpoptParams(solver="structured")
+OWN = SolveParams(solver="structured")
 FINER = "dmoc, fixed time, N = 80"
 
 
@@ -56,7 +56,7 @@ def draw_pairs(robot: Robot, count: int, seed: int, span: float = 2.0) -> list[t
     return out
 
 
-def timed(problem: MotionProblem, params: IpoptParams = DEFAULT_PARAMS) -> tuple:
+def timed(problem: MotionProblem, params: SolveParams = DEFAULT_PARAMS) -> tuple:
     """The motion and the least CPU of a few solves: the machine is shared."""
     spent = []
     for _ in range(REPEATS):
@@ -158,7 +158,7 @@ def summary(results: list, robot: Robot, cost: Cost, problems: list) -> dict:
     }
 
 
-def reliability(name: str, count: int, params: IpoptParams) -> dict:
+def reliability(name: str, count: int, params: SolveParams) -> dict:
     robot = load_robot(name)
     statuses, cpu, iterations, defects = Counter(), [], [], []
     for pair in draw_pairs(robot, count, seed=1000):
@@ -267,7 +267,7 @@ def main() -> None:
                  f"{data['first_result_s'][name]:.2f} s wall.", ""]  # fmt: skip
     for name in (options.reliability_robots or options.robots) if options.reliability else []:
         found = reliability(
-            name, options.reliability, IpoptParams(solver=options.reliability_solver)
+            name, options.reliability, SolveParams(solver=options.reliability_solver)
         )
         data["reliability"][name] = found
         text += [f"## Reliability, {name}, {options.reliability_solver}", "", f"{found}", ""]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 
 from dmoc.motion import Motion, MotionProblem
-from dmoc.nlp_types import DEFAULT_PARAMS, IpoptParams
+from dmoc.nlp_types import DEFAULT_PARAMS, SolveParams
 from dmoc.solver import solve
 from dmoc.trajectory import JointTrajectory
 
@@ -19,7 +19,7 @@ GROUP = 8
 def solve_many(
     problems: Sequence[MotionProblem],
     executor: Executor | None = None,
-    params: IpoptParams = DEFAULT_PARAMS,
+    params: SolveParams = DEFAULT_PARAMS,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Motion]:
@@ -44,7 +44,7 @@ def solve_many(
     return motions
 
 
-def _solve_group(problems: list[MotionProblem], params: IpoptParams, seed: int) -> list[Motion]:
+def _solve_group(problems: list[MotionProblem], params: SolveParams, seed: int) -> list[Motion]:
     return [_without_robot(solve(problem, params, seed=seed)) for problem in problems]
 
 

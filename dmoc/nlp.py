@@ -30,7 +30,7 @@ from dmoc.curve_limits import (
 )
 from dmoc.half_spaces import capacity_for, half_space_params, without_idle_rows
 from dmoc.motion import MotionProblem
-from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, IpoptParams, NlpSolution, PathRows
+from dmoc.nlp_types import DEFAULT_PARAMS, Box, Guess, NlpSolution, PathRows, SolveParams
 from dmoc.programme import Families, MotionProgramme, motion_programme
 from dmoc.state import knot_velocities, max_defect, residuals
 from dmoc.status import Status
@@ -90,7 +90,7 @@ def solve_nlp(
     *,
     box: Box | None = None,
     rows: PathRows | None = None,
-    params: IpoptParams = DEFAULT_PARAMS,
+    params: SolveParams = DEFAULT_PARAMS,
     families: Families | None = None,
 ) -> NlpSolution:
     """The local optimum of `problem` next to `guess`, inside `box` and the half-spaces `rows`.
@@ -109,7 +109,7 @@ def _with_lazy_limits(
     guess: Guess,
     box: Box | None,
     rows: PathRows | None,
-    params: IpoptParams,
+    params: SolveParams,
     families: Families | None,
 ) -> NlpSolution:
     kept = None if rows is None else without_idle_rows(problem, box, rows)
@@ -195,7 +195,7 @@ def _solve_once(
     guess: Guess,
     box: Box | None,
     rows: PathRows | None,
-    params: IpoptParams,
+    params: SolveParams,
     families: Families,
     margins: Margins,
 ) -> NlpSolution:
@@ -244,7 +244,7 @@ def _solve_once(
 
 
 def _minimum(
-    motion: MotionProgramme, arguments: dict[str, Array], params: IpoptParams, warm: bool
+    motion: MotionProgramme, arguments: dict[str, Array], params: SolveParams, warm: bool
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """What `nlpsol` returns, and its statistics; of our own method where that is asked for.
 
@@ -275,7 +275,7 @@ def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSo
     )  # fmt: skip
 
 
-def _solver(motion: MotionProgramme, params: IpoptParams, warm: bool) -> ca.Function:
+def _solver(motion: MotionProgramme, params: SolveParams, warm: bool) -> ca.Function:
     key = (motion.key, params, warm)
     if key not in _SOLVERS:
         programme = motion.programme

@@ -12,13 +12,13 @@ from dmoc.arrays import Array
 from dmoc.errors import Fault, ProblemError
 from dmoc.status import Status
 
-__all__ = ["DEFAULT_PARAMS", "Box", "Guess", "IpoptParams", "NlpSolution", "PathRows"]
+__all__ = ["DEFAULT_PARAMS", "Box", "Guess", "NlpSolution", "PathRows", "SolveParams"]
 
 SOLVERS = ("ipopt", "structured")
 
 
 @dataclass(frozen=True)
-class IpoptParams:
+class SolveParams:
     """Options of a solve. `tolerance` is Ipopt's `tol` on the scaled problem.
 
     With `limit_curve` speed and acceleration limits hold on the whole executed curve (to 1 %), else
@@ -45,7 +45,7 @@ class IpoptParams:
             )  # fmt: skip
 
 
-DEFAULT_PARAMS = IpoptParams()
+DEFAULT_PARAMS = SolveParams()
 
 
 @dataclass(frozen=True)

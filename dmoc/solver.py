@@ -12,7 +12,7 @@ from dmoc.grids import prolonged
 from dmoc.guess import detour_guess, straight_guess
 from dmoc.motion import Motion, MotionProblem
 from dmoc.nlp import ONE_AT_A_TIME, solve_nlp
-from dmoc.nlp_types import DEFAULT_PARAMS, Guess, IpoptParams, NlpSolution
+from dmoc.nlp_types import DEFAULT_PARAMS, Guess, NlpSolution, SolveParams
 from dmoc.programme import Families
 from dmoc.status import Status
 from dmoc.trajectory import JointTrajectory
@@ -33,7 +33,7 @@ SOFT_FRICTION_RAD_S = 0.3
 
 def solve(
     problem: MotionProblem,
-    params: IpoptParams = DEFAULT_PARAMS,
+    params: SolveParams = DEFAULT_PARAMS,
     guess: Guess | None = None,
     seed: int = 0,
 ) -> Motion:
@@ -54,7 +54,7 @@ def solve(
         return motion_from_solution(problem, solution)
 
 
-def _best_of_guesses(problem: MotionProblem, params: IpoptParams, seed: int) -> NlpSolution:
+def _best_of_guesses(problem: MotionProblem, params: SolveParams, seed: int) -> NlpSolution:
     electrical = isinstance(problem.cost, ElectricalCost)
     most = SUSPICIOUS_ITERATIONS_ELECTRICAL if electrical else SUSPICIOUS_ITERATIONS
     best: NlpSolution | None = None
@@ -96,7 +96,7 @@ def _rank(solution: NlpSolution) -> tuple[bool, float]:
     return (not solution.status.ok, solution.cost + solution.smoothing_cost)
 
 
-def _through_grids(problem: MotionProblem, params: IpoptParams, start: Guess) -> NlpSolution:
+def _through_grids(problem: MotionProblem, params: SolveParams, start: Guess) -> NlpSolution:
     cost = problem.cost
     if isinstance(cost, ElectricalCost):
         return _through_friction(problem, cost, params, start)
@@ -117,7 +117,7 @@ def _through_grids(problem: MotionProblem, params: IpoptParams, start: Guess) ->
 
 
 def _through_friction(
-    problem: MotionProblem, cost: ElectricalCost, params: IpoptParams, start: Guess
+    problem: MotionProblem, cost: ElectricalCost, params: SolveParams, start: Guess
 ) -> NlpSolution:
     """With soft friction first, and with the limits from the start.
 

@@ -18,7 +18,7 @@ from dmoc.grids import prolonged
 from dmoc.guess import straight_guess
 from dmoc.motion import MotionProblem
 from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Guess, IpoptParams, NlpSolution
+from dmoc.nlp_types import Guess, NlpSolution, SolveParams
 
 __all__ = [
     "Departure",
@@ -38,7 +38,7 @@ INTERVALS_PER_LINE_KNOT = 20
 FIRST_TRIED = 2
 MOST_OF_TWENTY = 4
 # Enough to tell which of two optima is cheaper.
-RANKING = IpoptParams(tolerance=1e-4, limit_curve=False, solver="structured")
+RANKING = SolveParams(tolerance=1e-4, limit_curve=False, solver="structured")
 
 
 def num_line_knots(num_intervals: int) -> int:

@@ -132,7 +132,10 @@ def context_fingerprint(station: Station, method: str) -> str:
     digest = hashlib.sha256()
     digest.update(f"{EDGE_VERSION}|{method}|{station.cost!r}|{station.clearance_m!r}".encode())
     digest.update(repr((sorted(station.allowed_collisions), station.engine)).encode())
-    digest.update(repr((RefineParams(), EdgeParams(), NUM_INTERVALS)).encode())
+    # By the name that the settings of a solve had when the first stores were written: what is in
+    # them stays found, and every edge keeps its seed.
+    settings = repr((RefineParams(), EdgeParams(), NUM_INTERVALS))
+    digest.update(settings.replace("SolveParams(", "IpoptParams(").encode())
     for name in ("dmoc", "casadi", "pin", "coal", "ompl", "numba", "numpy", "scipy", "toppra"):
         digest.update(f"{name}={version(name)};".encode())
     digest.update(station.robot.fingerprint.encode())

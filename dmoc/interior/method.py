@@ -59,7 +59,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """As of `IpoptParams`."""
+    """As of `SolveParams`."""
 
     tolerance: float
     acceptable: float

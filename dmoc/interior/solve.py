@@ -11,7 +11,7 @@ from dmoc.interior.frames import Frames, frames_of
 from dmoc.interior.method import Bounds, Outcome, Start, Tolerances, minimise
 from dmoc.interior.oracle import Oracle
 from dmoc.interior.system import NewtonSystem
-from dmoc.nlp_types import IpoptParams
+from dmoc.nlp_types import SolveParams
 from dmoc.programme import MotionProgramme
 
 __all__ = ["solve_structured"]
@@ -29,7 +29,7 @@ _SYSTEMS: dict[tuple[Any, ...], NewtonSystem] = {}
 
 
 def solve_structured(
-    motion: MotionProgramme, arguments: dict[str, Array], params: IpoptParams
+    motion: MotionProgramme, arguments: dict[str, Array], params: SolveParams
 ) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """`arguments` and results as of `nlpsol`; None if the programme does not fit.
 
@@ -60,7 +60,7 @@ def solve_structured(
     return _as_nlpsol(outcome, params)
 
 
-def _as_nlpsol(outcome: Outcome, params: IpoptParams) -> tuple[dict[str, Any], dict[str, Any]]:
+def _as_nlpsol(outcome: Outcome, params: SolveParams) -> tuple[dict[str, Any], dict[str, Any]]:
     reason = outcome.reason
     if reason == "iterations" and outcome.iterations < params.max_iterations:
         reason = "stuck"

@@ -109,6 +109,22 @@ def _unconstrained(
 
 
 @dataclass(frozen=True)
+class _Descent:
+    """Where the outer iterations ended; `outer` counts all so far, `solver_iterations` these.
+
+    `solution` is that of the iterate, None if no step was accepted.
+    """
+
+    stage: Stage
+    iterate: Iterate
+    view: View
+    trust_rad: Array
+    outer: int
+    solver_iterations: int
+    solution: NlpSolution | None
+
+
+@dataclass(frozen=True)
 class _Loop:
     problem: MotionProblem
     clearance: Clearance
@@ -133,10 +149,10 @@ class _Loop:
             iterate, view, used = self._freed(stage, iterate, view)
         history, outer = [iterate], 0
         while True:
-            stage, iterate, view, trust, outer, spent, solution = self._descend(
-                stage, iterate, view, trust, outer, history
-            )
-            used += spent
+            descent = self._descend(stage, iterate, view, trust, outer, history)
+            stage, iterate, view = descent.stage, descent.iterate, descent.view
+            trust, outer, solution = descent.trust_rad, descent.outer, descent.solution
+            used += descent.solver_iterations
             if solution is not None and iterate.cost > self.worth:
                 dear = _motion(self.problem, solution, None, used)
                 return dear.replace(note="dearer than a motion that is known")
@@ -171,11 +187,8 @@ class _Loop:
         trust: Array,
         outer: int,
         history: list[Iterate],
-    ) -> tuple[Stage, Iterate, View, Array, int, int, NlpSolution | None]:
-        """Outer iterations until J stands still, the trust region is gone, or the limit.
-
-        The solution is that of the iterate, None if no step was accepted.
-        """
+    ) -> _Descent:
+        """Outer iterations until J stands still, the trust region is gone, or the limit."""
         params, used, idle, more, climbs = self.params, 0, 0, 0, 0
         solution = None
         limit = outer + (params.max_outer_repair if stage.repair else params.max_outer)
@@ -210,7 +223,7 @@ class _Loop:
                     break
                 more += 1
                 trust = self._within_step(trust, before, iterate)
-        return stage, iterate, view, trust, outer, used, solution
+        return _Descent(stage, iterate, view, trust, outer, used, solution)
 
     def _settled(
         self, stage: Stage, iterate: Iterate, view: View, trust: Array, outer: int

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from dmoc.arrays import Array
-from dmoc.nlp_types import IpoptParams
+from dmoc.nlp_types import SolveParams
 
 __all__ = ["Method", "RefineParams", "RefineRecord", "Trace"]
 
@@ -62,8 +62,8 @@ class RefineParams:
     repair_rounds: int = 6
     repair_margin_m: float = 0.01
     repair_trust_rad: float = 0.15
-    loose: IpoptParams = field(
-        default_factory=lambda: IpoptParams(
+    loose: SolveParams = field(
+        default_factory=lambda: SolveParams(
             tolerance=1e-5,
             acceptable_tolerance=1e-3,
             acceptable_iterations=15,
@@ -72,7 +72,7 @@ class RefineParams:
             solver=SOLVER,
         )
     )
-    tight: IpoptParams = field(default_factory=lambda: IpoptParams(tolerance=1e-8, solver=SOLVER))
+    tight: SolveParams = field(default_factory=lambda: SolveParams(tolerance=1e-8, solver=SOLVER))
 
     always_tight: bool = True
     largest_defect: float = 1e-6

@@ -11,7 +11,7 @@ from dmoc.arrays import Array
 from dmoc.clearance import Clearance
 from dmoc.motion import MotionProblem
 from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Box, IpoptParams, NlpSolution, PathRows
+from dmoc.nlp_types import Box, NlpSolution, PathRows, SolveParams
 from dmoc.refinement.boxes import box_half_widths, kept_level
 from dmoc.refinement.halfspaces import half_spaces
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
@@ -76,7 +76,7 @@ def take_step(
     view: View,
     trust_rad: Array,
     outer: int,
-    solver: IpoptParams,
+    solver: SolveParams,
 ) -> Step:
     """Solve inside the trust region around `iterate` until a candidate passes the exact check.
 

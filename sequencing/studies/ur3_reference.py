@@ -10,7 +10,7 @@ from dmoc.cost import ElectricalCost
 from dmoc.guess import guess_from_trajectory
 from dmoc.knot_descent import polish_trajectory
 from dmoc.motion import MotionProblem
-from dmoc.nlp_types import IpoptParams
+from dmoc.nlp_types import SolveParams
 from dmoc.solver import solve
 from dmoc.trajectory import JointTrajectory
 from sequencing.studies.ur3_case import Setting
@@ -38,7 +38,7 @@ def free_form(
         num_intervals, first, last, setting.duration_s,
     )  # fmt: skip
     knots = best.motion.trajectory(robot, num_intervals)
-    motion = solve(problem, IpoptParams(max_iterations=500), guess_from_trajectory(problem, knots))
+    motion = solve(problem, SolveParams(max_iterations=500), guess_from_trajectory(problem, knots))
     report: dict[str, Any] = {
         "status": motion.status.value,
         "iterations": motion.iterations,

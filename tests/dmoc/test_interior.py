@@ -13,15 +13,15 @@ from dmoc.errors import ProblemError
 from dmoc.guess import straight_guess
 from dmoc.motion import MotionProblem
 from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Box, Guess, IpoptParams, PathRows
+from dmoc.nlp_types import Box, Guess, PathRows, SolveParams
 from dmoc.programme import Families
 from dmoc.robot import load_robot
 from dmoc.solver import solve
 from dmoc.status import Status
 
-OWN = IpoptParams(solver="structured")
-OWN_KNOTS = IpoptParams(solver="structured", limit_curve=False)
-KNOTS = IpoptParams(limit_curve=False)
+OWN = SolveParams(solver="structured")
+OWN_KNOTS = SolveParams(solver="structured", limit_curve=False)
+KNOTS = SolveParams(limit_curve=False)
 
 
 @pytest.fixture(scope="module")
@@ -132,11 +132,11 @@ def test_each_warm_starts_the_other(arm) -> None:
     problem = random_problems(arm, 1, seed=2, num_intervals=20)[0]
     guess = straight_guess(problem)
     moved = problem.replace(goal_rad=problem.goal_rad + 0.02)
-    for first in (IpoptParams(), OWN):
+    for first in (SolveParams(), OWN):
         found = solve_nlp(problem, guess, params=first)
         start = Guess(found.q_rad, found.torque_nm, found.step_s, found.multipliers)
         cold = Guess(found.q_rad, found.torque_nm, found.step_s)
-        for then in (IpoptParams(), OWN):
+        for then in (SolveParams(), OWN):
             warm = solve_nlp(moved, start, params=then)
             assert warm.status is Status.CONVERGED
             assert warm.iterations <= solve_nlp(moved, cold, params=then).iterations
@@ -165,7 +165,7 @@ def test_what_does_not_fit_goes_to_ipopt(arm) -> None:
 
 def test_infeasible_problems_are_called_so(arm) -> None:
     problem = random_problems(arm, 1, seed=2)[0].replace(duration_s=0.05)
-    own = IpoptParams(solver="structured", max_iterations=150)
+    own = SolveParams(solver="structured", max_iterations=150)
     assert solve(problem, own).status is Status.INFEASIBLE
     weak = arm.with_limits(torque_limit_nm=0.02 * arm.torque_limit_nm)
     held = random_problems(arm, 1, seed=4)[0]
@@ -173,7 +173,7 @@ def test_infeasible_problems_are_called_so(arm) -> None:
 
 
 def test_iteration_limit_is_a_status(arm) -> None:
-    own = IpoptParams(solver="structured", max_iterations=2)
+    own = SolveParams(solver="structured", max_iterations=2)
     problem = random_problems(arm, 1, num_intervals=16)[0]
     found = solve_nlp(problem, straight_guess(problem), params=own)
     assert found.status is Status.ITERATION_LIMIT
@@ -198,4 +198,4 @@ def test_same_bytes_whatever_was_solved_before(arm, planar) -> None:
 
 def test_an_unknown_solver_is_named(arm) -> None:
     with pytest.raises(ProblemError, match=r"params\.solver"):
-        IpoptParams(solver="structures")
+        SolveParams(solver="structures")

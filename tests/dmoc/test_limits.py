@@ -11,7 +11,7 @@ from dmoc.drive import drive_from_mapping, electrical_power_w
 from dmoc.errors import ProblemError
 from dmoc.guess import guess_from_trajectory, straight_guess
 from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Box, IpoptParams, PathRows
+from dmoc.nlp_types import Box, PathRows, SolveParams
 from dmoc.resimulation import replay_motion
 from dmoc.robot import load_robot
 from dmoc.solver import solve
@@ -236,4 +236,4 @@ def test_a_box_without_a_point_is_infeasible(problem) -> None:
 
 def test_an_unknown_solver_is_refused() -> None:
     with pytest.raises(ProblemError, match=r"params\.solver"):
-        IpoptParams(solver="magic")
+        SolveParams(solver="magic")

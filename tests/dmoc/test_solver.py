@@ -12,7 +12,7 @@ from dmoc.cost import Cost
 from dmoc.errors import ProblemError
 from dmoc.motion import MotionNotSolved, MotionProblem
 from dmoc.nlp import STATUS
-from dmoc.nlp_types import IpoptParams
+from dmoc.nlp_types import SolveParams
 from dmoc.robot import load_robot
 from dmoc.solver import solve
 from dmoc.status import Status
@@ -117,7 +117,7 @@ def test_fixed_duration(arm) -> None:
 
 def test_too_short_a_duration_is_infeasible(arm) -> None:
     problem = random_problems(arm, 1, seed=2)[0].replace(duration_s=0.05)
-    motion = solve(problem, IpoptParams(max_iterations=150))
+    motion = solve(problem, SolveParams(max_iterations=150))
     assert motion.status is Status.INFEASIBLE
     assert not motion.status.ok
     with pytest.raises(MotionNotSolved, match="infeasible") as caught:
@@ -131,7 +131,7 @@ def test_gravity_beyond_the_motors_is_infeasible(arm) -> None:
     weak = arm.with_limits(torque_limit_nm=0.02 * arm.torque_limit_nm)
     problem = random_problems(arm, 1, seed=4)[0]
     problem = MotionProblem(weak, problem.start_rad, problem.goal_rad)
-    assert not solve(problem, IpoptParams(max_iterations=150)).status.ok
+    assert not solve(problem, SolveParams(max_iterations=150)).status.ok
 
 
 def test_end_velocities(planar) -> None:
@@ -177,7 +177,7 @@ def test_smoothing_removes_the_checkerboard_and_is_not_reported(arm) -> None:
 
 
 def test_iteration_limit_is_a_status(arm) -> None:
-    motion = solve(random_problems(arm, 1)[0], IpoptParams(max_iterations=1))
+    motion = solve(random_problems(arm, 1)[0], SolveParams(max_iterations=1))
     assert motion.status is Status.ITERATION_LIMIT
     assert "max_iterations" in motion.status.advice
 

@@ -6,7 +6,7 @@ import pytest
 
 from dmoc.cost import Cost
 from dmoc.motion import MotionProblem
-from dmoc.nlp_types import Guess, IpoptParams
+from dmoc.nlp_types import Guess, SolveParams
 from dmoc.robot import load_robot
 from dmoc.solver import solve
 from dmoc.status import Status
@@ -89,7 +89,7 @@ def test_pendulum_swing_up_equals_a_fine_collocation(tmp_path) -> None:
     shape = (np.array([0.0, 0.2, 0.45, 0.7, 1.0]), np.array([0.0, 0.5, -1.0, 1.2, np.pi]))
     q = np.interp(np.linspace(0, 1, 81), *shape)[:, None]
     q[-1] = np.pi
-    motion = solve(problem, IpoptParams(), Guess(q, np.zeros((80, 1)), duration / 80))
+    motion = solve(problem, SolveParams(), Guess(q, np.zeros((80, 1)), duration / 80))
     assert motion.status is Status.CONVERGED
     fine = collocation_swing_up(mass, length, duration, limit, 200, shape)
     assert motion.cost == pytest.approx(fine, rel=0.01)
