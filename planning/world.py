@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,38 +28,43 @@ __all__ = ["CollisionWorld", "world_for"]
 DEFAULT_CAP_M = 0.3
 
 
+class Standing(NamedTuple):
+    """What a world takes of a station, where there is no station."""
+
+    robot: Robot
+    tool_bodies: tuple[Body, ...]
+    obstacles: tuple[Body, ...]
+    allowed_collisions: Sequence[tuple[str, str]]
+    clearance_m: float
+    engine: str
+
+
 class CollisionWorld:
     """Robot links, tool and obstacles of a station, and the pairs that are checked.
 
     Bodies are convex pieces that cover the real surface, so a body inside another one overlaps
     it. `engine` is "native" (compiled GJK whose distances carry a separating plane as proof; coal
     measures the depth of overlaps), "coal" or "fcl" (every near pair by that engine: the second
-    opinions); None takes the station's. Holds workspace: use one world per thread or process.
+    opinions); None takes the station's. `pair_clearance_m` is subtracted from the distances of the
+    named body pairs: what is nearer counts as touching. Holds workspace: use one world per thread
+    or process.
 
     `q_rad` is (n,) for one configuration and (K, n) for many; angles in rad, distances in m.
     """
 
-    def __init__(self, station: Station, engine: str | None = None) -> None:
-        self._fill(
-            station.robot, station.tool_bodies, station.obstacles, station.allowed_collisions,
-            station.clearance_m, {}, station.engine if engine is None else engine,
-        )  # fmt: skip
-
-    def _fill(
+    def __init__(
         self,
-        robot: Robot,
-        tool_bodies: tuple[Body, ...],
-        obstacles: tuple[Body, ...],
-        allowed_collisions: Sequence[tuple[str, str]],
-        clearance_m: float,
-        pair_clearance_m: Mapping[tuple[str, str], float],
-        engine: str,
+        station: Station | Standing,
+        engine: str | None = None,
+        *,
+        pair_clearance_m: Mapping[tuple[str, str], float] = MappingProxyType({}),
     ) -> None:
-        self.robot = robot
-        self.clearance_m = float(clearance_m)
+        self.robot = station.robot
+        self.clearance_m = float(station.clearance_m)
         self.scene = Scene(
-            robot, tool_bodies, obstacles, allowed_collisions, pair_clearance_m, engine
-        )
+            station.robot, station.tool_bodies, station.obstacles, station.allowed_collisions,
+            pair_clearance_m, station.engine if engine is None else engine,
+        )  # fmt: skip
 
     @property
     def engine(self) -> str:
@@ -96,11 +102,9 @@ class CollisionWorld:
         q = self.scene.rows_of(q_rad)
         return self.scene.first_contacts(q, inflation_m, self._scope(lines)) >= 0
 
-    def collisions(
-        self, q_rad: Array, inflation_m: float = 0.0, lines: Sequence[DepartureLine] = ()
-    ) -> list[tuple[str, str]]:
+    def collisions(self, q_rad: Array, inflation_m: float = 0.0) -> list[tuple[str, str]]:
         """All body pairs nearer than `inflation_m` at one configuration."""
-        return [pair for pair, _ in self.distances(q_rad, inflation_m, lines)]
+        return [pair for pair, _ in self.distances(q_rad, inflation_m)]
 
     def distances(
         self, q_rad: Array, cap_m: float = DEFAULT_CAP_M, lines: Sequence[DepartureLine] = ()
@@ -149,16 +153,14 @@ def world_for(
     clearance_m: float = 0.02,
     *,
     srdf: str | Path | None = None,
-    pair_clearance_m: Mapping[tuple[str, str], float] | None = None,
+    pair_clearance_m: Mapping[tuple[str, str], float] = MappingProxyType({}),
     engine: str = "native",
 ) -> CollisionWorld:
     """A collision world without a station file.
 
     `srdf` is a file whose `disable_collisions` add to `allowed_collisions` (`planning.srdf`).
-    `pair_clearance_m` is subtracted from the distances of the named body pairs: what is nearer
-    counts as touching.
+    `pair_clearance_m` is as of `CollisionWorld`.
     """
-    world = CollisionWorld.__new__(CollisionWorld)
     allowed = [*allowed_collisions]
     if srdf is not None:
         own = {f.name for f in robot.model.frames if f.type == pin.FrameType.BODY}
@@ -167,8 +169,5 @@ def world_for(
         shaped = {body.name for body in (*tool_bodies, *obstacles)}
         shaped.update(mounted.body.name for mounted in link_bodies(robot))
         allowed += [pair for pair in named if shaped.issuperset(pair)]
-    world._fill(
-        robot, tool_bodies, obstacles, allowed, clearance_m, pair_clearance_m or {},
-        engine,
-    )  # fmt: skip
-    return world
+    parts = Standing(robot, tool_bodies, obstacles, allowed, clearance_m, engine)
+    return CollisionWorld(parts, pair_clearance_m=pair_clearance_m)
