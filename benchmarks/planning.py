@@ -85,10 +85,10 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
             continue
         valid += 1
         if valid == 1:
-            plan(problem)  # compiles and warms up
+            plan(problem, planner="compiled")  # compiles and warms up
             plan(problem, planner="ompl")
-        search.append(plan(problem, shortcut_tries=0)[1])
-        result, spent = plan(problem)
+        search.append(plan(problem, planner="compiled", shortcut_tries=0)[1])
+        result, spent = plan(problem, planner="compiled")
         whole.append(spent)
         by_ompl, spent = plan(problem, planner="ompl")
         ompl_ms.append(spent)
@@ -112,7 +112,7 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
         if len(peer) == options.peer:
             break
         if not end_fault(problem):
-            peer.append(plan(problem)[1])
+            peer.append(plan(problem, planner="compiled")[1])
             ours.append(whole[len(peer) - 1])
     return {
         "set": name, "problems": count, "valid ends": valid, "invalid": dict(faults),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -202,7 +202,7 @@ def seed_paths(
     for attempt in range(params.num_paths):
         result = plan_path(
             clearance, start, goal, seed=seed + 1000 * attempt, inflation_m=params.inflation_m,
-            max_iterations=params.max_iterations, attempts=6, planner="ompl",
+            max_iterations=params.max_iterations, attempts=6,
         )  # fmt: skip
         if result.path is None:
             yield result
@@ -212,10 +212,7 @@ def seed_paths(
             parts = [problem.start_rad[None], problem.depart_rad[:-1], *parts]
         if problem.arrive_rad is not None:
             parts = [*parts, problem.arrive_rad[1:], problem.goal_rad[None]]
-        yield PathResult(
-            result.status, JointPath(np.vstack(parts)), iterations=result.iterations,
-            checks=result.checks,
-        )  # fmt: skip
+        yield replace(result, path=JointPath(np.vstack(parts)))
 
 
 def _without_path(result: PathResult) -> Motion:

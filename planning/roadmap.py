@@ -1,41 +1,45 @@
-"""One collision-free path, by RRTConnect and shortcuts: compiled, or OMPL's.
+"""One collision-free path: trees of one of two planners, shortcuts, and the proof of the result.
 
-The only importer of ompl.
+The only importer of ompl, which has no wheel for some versions of Python; there the compiled trees
+take its place.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
 
 from dmoc.arrays import Array
+from dmoc.errors import Fault, ProblemError
 from dmoc.status import Status
 from dmoc.trajectory import JointPath
 from planning.certificate import prove_path
 from planning.edge_clearance import EdgeClearance
-from planning.kernels.segment import segment_contact
 from planning.scene import Scope
 from planning.shortcut import shortcut
-from planning.tree_search import shortened, tree_path
+from planning.tree_search import tree_path
 
 if TYPE_CHECKING:
     from planning.world import CollisionWorld
 
-__all__ = ["PathResult", "plan_path"]
+try:
+    from ompl import base as ob
+    from ompl import geometric as og
+    from ompl import util as ou
+except ImportError:
+    ob = None
+else:
+    ou.setLogLevel(ou.LOG_NONE)
 
-ou.setLogLevel(ou.LOG_NONE)
+__all__ = ["PLANNERS", "PathResult", "plan_path"]
 
 RANGE_M = 0.3
 
 #: Pairs are grown by at least this multiple of the tracking error.
 LEAST_GROWTH = 1.2
-
-Planner = Literal["native", "ompl"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,8 @@ class PathResult:
 
     `status` is converged, in_collision (`pair` touches at the end that `note` names) or no_path
     (budget used up: `pair` was in the way most often; also with a limit violated, see `note`).
-    `checks` counts segment checks and `iterations` the planner's own.
+    `checks` counts segment checks and `iterations` the planner's own. `planner` is the one that
+    was there to be used; `note` says so where another one had been asked for.
     """
 
     status: Status
@@ -53,6 +58,7 @@ class PathResult:
     note: str = ""
     iterations: int = 0
     checks: int = 0
+    planner: str = ""
 
 
 def plan_path(
@@ -66,7 +72,7 @@ def plan_path(
     attempts: int = 16,
     shortcut_tries: int = 80,
     step_m: float = 0.07,
-    planner: Planner = "native",
+    planner: str = "ompl",
 ) -> PathResult:
     """A path from start to goal (n,) on which all bodies stay farther apart than proven.
 
@@ -80,9 +86,20 @@ def plan_path(
     Stops by iterations: each attempt has `max_iterations` of the planner. `step_m` is how far a
     typical robot point may move between two checked points of the first attempt. Joint
     coordinates are scaled by the joints' mean reach, so that the planner's metric is in metres.
-    `planner` is the compiled one, or OMPL's, which also serves worlds of another engine than
-    "native".
+    `planner` is one of `PLANNERS`: `ompl`, OMPL's RRTConnect, or `compiled`, our own in compiled
+    code, which asks the kernels whatever the engine of the world (the proof does not) and takes the
+    place of OMPL where that is not installed.
+
+    Errors: `ProblemError` for an unknown planner.
     """
+    if planner not in PLANNERS:
+        raise ProblemError(
+            Fault("planner", field="planner", value=planner, legal=", ".join(PLANNERS),
+                  fix="leave it out")
+        )  # fmt: skip
+    instead = ""
+    if planner == "ompl" and ob is None:
+        planner, instead = "compiled", "ompl is not installed: compiled trees"
     edge = clearance if isinstance(clearance, EdgeClearance) else clearance.clearance()
     world = edge.world
     start, goal = (world.scene.rows_of(q)[0].copy() for q in (start_rad, goal_rad))
@@ -104,23 +121,24 @@ def plan_path(
     least = np.minimum(growth, LEAST_GROWTH * edge.tracking_error_m)
     iterations = checks = 0
     blocked = np.zeros(len(growth), dtype=np.int64)
-    native = planner == "native" and world.engine == "native"
-    search: _Search | _Compiled
     for attempt in range(attempts):
-        search = (_Compiled if native else _Search)(edge, edge.scope.grown(growth), step_m)
-        found = search.run(start, goal, seed + attempt, max_iterations)
-        iterations += search.iterations
+        search = _Search(edge, edge.scope.grown(growth), step_m, seed + attempt, max_iterations)
+        if search.is_free(start, goal):
+            found = short = np.stack([start, goal])
+        elif (way := PLANNERS[planner](search, start, goal)) is not None:
+            found, short = way, search.shorten(way, shortcut_tries)
+        else:
+            found = None
+        iterations, checks = iterations + search.iterations, checks + search.checks
         if found is not None:
-            short = search.shorten(found, seed + attempt, shortcut_tries)
-            checks += search.checks
             for path in (short, found):
                 if prove_path(edge, path):
                     return PathResult(
-                        Status.CONVERGED, JointPath(path), iterations=iterations, checks=checks
-                    )
+                        Status.CONVERGED, JointPath(path), None, instead, iterations, checks,
+                        planner,
+                    )  # fmt: skip
             step_m *= 0.5
         else:
-            checks += search.checks
             growth = np.maximum(0.5 * growth, least)
             blocked += search.blocked
     note = f"no path within {attempts} attempts of {max_iterations} iterations"
@@ -130,7 +148,8 @@ def plan_path(
         bodies = np.bincount(world.scene.pairs.body, weights=blocked)
         pair = world.pairs[int(bodies.argmax())]
         note += f", most often in the way: {pair[0]} - {pair[1]}"
-    return PathResult(Status.NO_PATH, None, pair, note, iterations, checks)
+    note = "; ".join(part for part in (note, instead) if part)
+    return PathResult(Status.NO_PATH, None, pair, note, iterations, checks, planner)
 
 
 def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:
@@ -144,44 +163,15 @@ def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:
     return growth
 
 
-class _Compiled:
-    """One run of the compiled trees; counts what it asks."""
-
-    def __init__(self, edge: EdgeClearance, scope: Scope, step_m: float) -> None:
-        self.scene, self.robot = edge.world.scene, edge.world.robot
-        self.scan = self.scene.scan(step_m, 0.0, scope)
-        self.iterations = self.checks = 0
-        self.blocked = np.zeros(len(scope.pairs.body), dtype=np.int64)
-
-    def run(self, start: Array, goal: Array, seed: int, max_iterations: int) -> Array | None:
-        """Knots (K, n), or None."""
-        self.checks += 1
-        hit = segment_contact(self.scan, start, goal, True)
-        if hit < 0:
-            return np.stack([start, goal])
-        self.blocked[hit] += 1
-        found = tree_path(
-            self.scan, start, goal, limits=(self.robot.q_lower_rad, self.robot.q_upper_rad),
-            scale=self.scene.lever_m, reach_m=RANGE_M, seed=seed, max_iterations=max_iterations,
-        )  # fmt: skip
-        self.iterations, self.checks = found.iterations, self.checks + found.checks
-        self.blocked += found.blocked
-        return found.q_rad
-
-    def shorten(self, path: Array, seed: int, tries: int) -> Array:
-        """`path` made short."""
-        if len(path) == 2:
-            return path
-        short, checks = shortened(self.scan, path, scale=self.scene.lever_m, tries=tries, seed=seed)
-        self.checks += checks
-        return short
-
-
 class _Search:
-    """One run of OMPL's RRTConnect; counts what it asks."""
+    """One attempt: the question, and a count of what was asked to answer it."""
 
-    def __init__(self, edge: EdgeClearance, scope: Scope, step_m: float) -> None:
-        self.edge, self.scene = edge, edge.world.scene
+    def __init__(
+        self, edge: EdgeClearance, scope: Scope, step_m: float, seed: int, max_iterations: int
+    ) -> None:
+        self.scene, self.robot = edge.world.scene, edge.world.robot
+        self.scope, self.step_m = scope, step_m
+        self.seed, self.max_iterations = seed, max_iterations
         self.check = self.scene.segment_check(step_m, 0.0, scope)
         self.iterations = self.checks = 0
         self.blocked = np.zeros(len(scope.pairs.body), dtype=np.int64)
@@ -194,70 +184,80 @@ class _Search:
             self.blocked[hit] += 1
         return hit < 0
 
-    def shorten(self, path: Array, seed: int, tries: int) -> Array:
+    def shorten(self, path: Array, tries: int) -> Array:
         """`path` made short."""
-        return shortcut(path, self.is_free, scale=self.scene.lever_m, tries=tries, seed=seed)
+        return shortcut(path, self.is_free, scale=self.scene.lever_m, tries=tries, seed=self.seed)
 
-    def run(self, start: Array, goal: Array, seed: int, max_iterations: int) -> Array | None:
-        """Knots (K, n) of an exact solution, or None."""
-        if self.is_free(start, goal):
-            return np.stack([start, goal])
-        robot, scale = self.edge.world.robot, self.scene.lever_m
-        n = robot.num_joints
-        space = ob.RealVectorStateSpace(n)
-        bounds = ob.RealVectorBounds(n)
-        for j in range(n):
-            # The ends may lie on a limit: leave room for the rounding of the scaling.
-            bounds.setLow(j, float(robot.q_lower_rad[j] * scale[j]) - 1e-9)
-            bounds.setHigh(j, float(robot.q_upper_rad[j] * scale[j]) + 1e-9)
-        space.setBounds(bounds)
-        information = ob.SpaceInformation(space)
 
-        def valid(_: ob.State) -> bool:
-            return True  # the ends are known to be free; segments check both of theirs
+def _by_compiled_trees(search: _Search, start: Array, goal: Array) -> Array | None:
+    """Knots (K, n), or None."""
+    scan = search.scene.scan(search.step_m, 0.0, search.scope)
+    limits = (search.robot.q_lower_rad, search.robot.q_upper_rad)
+    found = tree_path(
+        scan, start, goal, limits=limits, scale=search.scene.lever_m, reach_m=RANGE_M,
+        seed=search.seed, max_iterations=search.max_iterations,
+    )  # fmt: skip
+    search.iterations, search.checks = found.iterations, search.checks + found.checks
+    search.blocked += found.blocked
+    return found.q_rad
 
-        q0, q1 = np.empty(n), np.empty(n)
 
-        def motion(first: ob.State, second: ob.State) -> bool:
+def _by_ompl(search: _Search, start: Array, goal: Array) -> Array | None:
+    """Knots (K, n) of an exact solution, or None."""
+    robot, scale = search.robot, search.scene.lever_m
+    n = robot.num_joints
+    space = ob.RealVectorStateSpace(n)
+    bounds = ob.RealVectorBounds(n)
+    for j in range(n):
+        # The ends may lie on a limit: leave room for the rounding of the scaling.
+        bounds.setLow(j, float(robot.q_lower_rad[j] * scale[j]) - 1e-9)
+        bounds.setHigh(j, float(robot.q_upper_rad[j] * scale[j]) + 1e-9)
+    space.setBounds(bounds)
+    information = ob.SpaceInformation(space)
+
+    def valid(_: ob.State) -> bool:
+        return True  # the ends are known to be free; segments check both of theirs
+
+    q0, q1 = np.empty(n), np.empty(n)
+
+    class Motions(ob.MotionValidator):
+        """Segment checks in one compiled call each."""
+
+        def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:
             q0[:], q1[:] = first[0:n], second[0:n]
-            return self.is_free(q0 / scale, q1 / scale)
+            return search.is_free(q0 / scale, q1 / scale)
 
-        def enough() -> bool:
-            self.iterations += 1
-            return self.iterations > max_iterations
+    def enough() -> bool:
+        search.iterations += 1
+        return search.iterations > search.max_iterations
 
-        information.setStateValidityChecker(valid)
-        information.setMotionValidator(_Motions(information, motion))
-        information.setup()
-        # OMPL's generators are global: seeding before each query makes it repeatable.
-        ou.RNG.setSeed(seed % (2**31 - 1) + 1)
-        problem = ob.ProblemDefinition(information)
-        ends = [information.allocState(), information.allocState()]
-        for state, q in zip(ends, (start, goal)):
-            for j in range(n):
-                state[j] = float(q[j] * scale[j])
-        problem.setStartAndGoalStates(ends[0], ends[1], 1e-9)
-        planner = og.RRTConnect(information)
-        planner.setRange(RANGE_M)
-        planner.setProblemDefinition(problem)
-        planner.setup()
-        status = planner.solve(ob.PlannerTerminationCondition(enough))
-        # The status is also truthy for an approximate solution.
-        if status.getStatus() != ob.PlannerStatus.EXACT_SOLUTION:
-            return None
-        states = problem.getSolutionPath().getStates()
-        path = np.array([state[0:n] for state in states]) / scale
-        path[0], path[-1] = start, goal
-        return np.clip(path, robot.q_lower_rad, robot.q_upper_rad)
+    information.setStateValidityChecker(valid)
+    information.setMotionValidator(Motions(information))
+    information.setup()
+    # OMPL's generators are global: seeding before each query makes it repeatable.
+    ou.RNG.setSeed(search.seed % (2**31 - 1) + 1)
+    problem = ob.ProblemDefinition(information)
+    ends = [information.allocState(), information.allocState()]
+    for state, q in zip(ends, (start, goal)):
+        for j in range(n):
+            state[j] = float(q[j] * scale[j])
+    problem.setStartAndGoalStates(ends[0], ends[1], 1e-9)
+    planner = og.RRTConnect(information)
+    planner.setRange(RANGE_M)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    status = planner.solve(ob.PlannerTerminationCondition(enough))
+    # The status is also truthy for an approximate solution.
+    if status.getStatus() != ob.PlannerStatus.EXACT_SOLUTION:
+        return None
+    states = problem.getSolutionPath().getStates()
+    path = np.array([state[0:n] for state in states]) / scale
+    path[0], path[-1] = start, goal
+    return np.clip(path, robot.q_lower_rad, robot.q_upper_rad)
 
 
-class _Motions(ob.MotionValidator):
-    """Segment checks in one compiled call each."""
-
-    def __init__(self, information: ob.SpaceInformation, check: object) -> None:
-        super().__init__(information)
-        self._check = check
-
-    def checkMotion(self, first: ob.State, second: ob.State, *_: object) -> bool:
-        """Whether the segment is free."""
-        return self._check(first, second)  # type: ignore[operator]
+#: What grows the trees, by name.
+PLANNERS: dict[str, Callable[[_Search, Array, Array], Array | None]] = {
+    "ompl": _by_ompl,
+    "compiled": _by_compiled_trees,
+}

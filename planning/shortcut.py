@@ -11,6 +11,9 @@ from dmoc.arrays import Array
 
 __all__ = ["shortcut"]
 
+#: Draws in a row without gain after which a path counts as short.
+PATIENCE = 25
+
 
 def shortcut(
     q_rad: Array,
@@ -19,14 +22,13 @@ def shortcut(
     scale: Array,
     tries: int,
     seed: int,
-    patience: int = 25,
 ) -> Array:
     """A path (K', n) from the first to the last row of `q_rad` (K, n), not longer than it.
 
     Each try draws two points on the path, uniformly by length in the metric Σ (scale_j Δq_j)²,
     and replaces what lies between them by a straight segment if `is_free(q0, q1)`. The straight
     line from end to end is tried first, then the removal of single knots. Stops after `tries`
-    draws or `patience` draws without gain. Same seed, same path.
+    draws or `PATIENCE` draws without gain. Same seed, same path.
     """
     path = np.array(q_rad, dtype=float)
     if len(path) <= 2 or is_free(path[0], path[-1]):
@@ -35,7 +37,7 @@ def shortcut(
     path = _drop_knots(path, is_free)
     since = 0
     for _ in range(tries):
-        if len(path) <= 2 or since >= patience:
+        if len(path) <= 2 or since >= PATIENCE:
             break
         since += 1
         steps = np.linalg.norm(np.diff(path, axis=0) * scale, axis=1)

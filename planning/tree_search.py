@@ -1,4 +1,4 @@
-"""RRT-Connect and shortcuts in compiled code: a path in milliseconds, for the engine `native`."""
+"""RRT-Connect in compiled code: a path in milliseconds."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from dmoc.arrays import Array
 from planning.kernels.segment import Scan
-from planning.kernels.tree import grow_trees, shorten
+from planning.kernels.tree import grow_trees
 
-__all__ = ["TreePath", "shortened", "tree_path"]
+__all__ = ["TreePath", "tree_path"]
 
 #: Nodes of one tree at most.
 MOST_NODES = 20_000
@@ -68,21 +68,3 @@ def tree_path(
         ways.append(way)
     path = np.array([*ways[0][::-1], *ways[1][1:]])
     return TreePath(path, int(iterations), int(checks), blocked)
-
-
-def shortened(
-    scan: Scan, path: Array, *, scale: Array, tries: int, seed: int, patience: int = 25
-) -> tuple[Array, int]:
-    """`path` (K, n) made short by straight segments that stay free, and the checks that took.
-
-    As `planning.shortcut`, for a path whose two ends are known not to see each other.
-    """
-    count, n = path.shape
-    drawn = np.sort(np.random.default_rng(seed).random((tries, 2)), axis=1)
-    room = np.empty((count + 2 * tries + 2, n))
-    room[:count] = path
-    kept, checks = shorten(
-        scan, np.asarray(scale, dtype=float), room, count, drawn, patience, np.empty(len(room)),
-        np.empty((2, n)),
-    )  # fmt: skip
-    return room[:kept].copy(), int(checks)

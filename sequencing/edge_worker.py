@@ -8,7 +8,7 @@ import pickle
 import time
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
@@ -137,11 +137,18 @@ def context_fingerprint(station: Station, method: str) -> str:
     settings = repr((RefineParams(), EdgeParams(), NUM_INTERVALS))
     digest.update(settings.replace("SolveParams(", "IpoptParams(").encode())
     for name in ("dmoc", "casadi", "pin", "coal", "ompl", "numba", "numpy", "scipy", "toppra"):
-        digest.update(f"{name}={version(name)};".encode())
+        digest.update(f"{name}={_version(name)};".encode())
     digest.update(station.robot.fingerprint.encode())
     for body in (*station.tool_bodies, *station.obstacles):
         _digest_body(digest, body)
     return digest.hexdigest()
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:  # ompl, where another planner takes its place
+        return "none"
 
 
 def _digest_body(digest: hashlib._Hash, body: Body) -> None:

@@ -1,6 +1,6 @@
-"""Two trees that grow towards each other, and shortcuts, without leaving compiled code.
+"""Two trees that grow towards each other, without leaving compiled code.
 
-Trees: J. J. Kuffner, S. M. LaValle, RRT-Connect, ICRA 2000. Configurations are scaled by `scale`
+J. J. Kuffner, S. M. LaValle, RRT-Connect, ICRA 2000. Configurations are scaled by `scale`
 (n,), so that lengths are metres of a typical robot point. Random numbers come from the caller.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from dmoc.jit import njit
 from planning.kernels.segment import segment_contact
 
-__all__ = ["grow_trees", "shorten"]
+__all__ = ["grow_trees"]
 
 TRAPPED = -1
 
@@ -110,85 +110,3 @@ def grow_trees(
                 meeting[tree], meeting[other] = new, met
                 return k + 1, checks
     return drawn.shape[0], checks
-
-
-@njit(plain=True, inner=True)
-def _drop_knots(scan: Any, path: Any, count: int) -> tuple[int, int]:
-    """Remove interior knots whose neighbours see each other, from the start on: knots, checks."""
-    kept, checks = 0, 0
-    for k in range(1, count - 1):
-        checks += 1
-        if segment_contact(scan, path[kept], path[k + 1], True) >= 0:
-            kept += 1
-            for j in range(path.shape[1]):
-                path[kept, j] = path[k, j]
-    kept += 1
-    for j in range(path.shape[1]):
-        path[kept, j] = path[count - 1, j]
-    return kept + 1, checks
-
-
-@njit(plain=True)
-def shorten(
-    scan: Any, scale: Any, path: Any, count: int, drawn: Any, patience: int, along: Any, ends: Any
-) -> tuple[int, int]:
-    """As `planning.shortcut.shortcut`, in place: knots and checks.
-
-    `path` (count + 2 K, n) has room for two more knots a try; `drawn` (K, 2) in [0, 1), sorted by
-    the caller; `along` (rows of path,) and `ends` (2, n) are workspace.
-    """
-    n = path.shape[1]
-    count, checks = _drop_knots(scan, path, count)
-    since = 0
-    for k in range(drawn.shape[0]):
-        if count <= 2 or since >= patience:
-            break
-        since += 1
-        along[0] = 0.0
-        for i in range(1, count):
-            total = 0.0
-            for j in range(n):
-                step = (path[i, j] - path[i - 1, j]) * scale[j]
-                total += step * step
-            along[i] = along[i - 1] + np.sqrt(total)
-        whole = along[count - 1]
-        lo, hi = drawn[k, 0] * whole, drawn[k, 1] * whole
-        first = 0
-        while first < count - 2 and along[first + 1] <= lo:
-            first += 1
-        last = first
-        while last < count - 2 and along[last + 1] <= hi:
-            last += 1
-        if first == last:
-            continue
-        total = 0.0
-        for side in range(2):
-            i, at = (first, lo) if side == 0 else (last, hi)
-            length = along[i + 1] - along[i]
-            share = (at - along[i]) / length if length > 1e-12 else 0.0
-            for j in range(n):
-                ends[side, j] = path[i, j] + share * (path[i + 1, j] - path[i, j])
-        for j in range(n):
-            step = (ends[1, j] - ends[0, j]) * scale[j]
-            total += step * step
-        if hi - lo - np.sqrt(total) <= 1e-3 * whole:
-            continue
-        checks += 1
-        if segment_contact(scan, ends[0], ends[1], False) >= 0:
-            continue
-        # Knots first + 1 … last give way to the two ends.
-        shift = 2 - (last - first)
-        if shift > 0:
-            for i in range(count - 1, last, -1):
-                for j in range(n):
-                    path[i + shift, j] = path[i, j]
-        elif shift < 0:
-            for i in range(last + 1, count):
-                for j in range(n):
-                    path[i + shift, j] = path[i, j]
-        count += shift
-        for j in range(n):
-            path[first + 1, j], path[first + 2, j] = ends[0, j], ends[1, j]
-        since = 0
-    count, more = _drop_knots(scan, path, count)
-    return count, checks + more

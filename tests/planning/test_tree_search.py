@@ -1,4 +1,4 @@
-"""Segments, trees and shortcuts in compiled code, against sampling and the plain shortcuts."""
+"""Segments and trees in compiled code, against sampling; both planners by name."""
 
 from itertools import pairwise
 
@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scenes import box, clutter, random_q, snake
 
+from dmoc.errors import ProblemError
 from dmoc.robot import load_robot
 from dmoc.status import Status
+from planning import roadmap
 from planning.kernels.segment import segment_contact
-from planning.roadmap import RANGE_M, plan_path
-from planning.shortcut import shortcut
-from planning.tree_search import shortened, tree_path
+from planning.roadmap import PLANNERS, RANGE_M, plan_path
+from planning.tree_search import tree_path
 from planning.world import world_for
 
 ROBOT = load_robot("ur10e_class")
@@ -101,36 +102,13 @@ def test_trees_meet_in_a_free_path_within_the_limits(scene):
     assert bent > 3
 
 
-def test_compiled_shortcuts_are_the_plain_ones(scene):
-    scan = scene.scan(STEP_M, 0.0, scene.everything)
-    free = lambda a, b: segment_contact(scan, a, b, False) < 0  # noqa: E731
-    q = random_q(ROBOT, 200, 4)
-    q = q[scene.first_contacts(q, 0.02, scene.everything) < 0]
-    compared = 0
-    for k in range(12):
-        start, goal = q[2 * k], q[2 * k + 1]
-        if free(start, goal):
-            continue
-        path = tree_path(
-            scan, start, goal, limits=(ROBOT.q_lower_rad, ROBOT.q_upper_rad),
-            scale=scene.lever_m, reach_m=RANGE_M, seed=k, max_iterations=3000,
-        ).q_rad  # fmt: skip
-        plain = shortcut(path, free, scale=scene.lever_m, tries=60, seed=k)
-        fast, checks = shortened(scan, path, scale=scene.lever_m, tries=60, seed=k)
-        assert fast.shape == plain.shape
-        np.testing.assert_allclose(fast, plain, atol=1e-9)
-        assert checks > 0
-        compared += len(plain) > 2
-    assert compared > 3
-
-
 def test_both_planners_solve_and_say_what_is_in_the_way(tmp_path):
     """Upright the arm is in the ceiling, and it has to pass there: nothing else is in the way."""
     robot = snake(tmp_path, 3, limit=1.5)
     world = world_for(robot, (), (box("ceiling", (3, 3, 0.02), (0, 0, 0.75)),))
     a, b = np.array([0.0, 1.4, 0.0]), np.array([0.0, -1.4, 0.0])
     raised = world_for(robot, (), (box("ceiling", (3, 3, 0.02), (0, 0, 0.95)),))
-    for planner in ("native", "ompl"):
+    for planner in PLANNERS:
         vain = plan_path(world, a, b, seed=0, max_iterations=100, attempts=2, planner=planner)
         assert vain.status is Status.NO_PATH
         assert vain.path is None
@@ -138,3 +116,20 @@ def test_both_planners_solve_and_say_what_is_in_the_way(tmp_path):
         assert "most often in the way: ceiling - " in vain.note
         solved = plan_path(raised, a, b, seed=0, max_iterations=200, planner=planner)
         assert solved.status is Status.CONVERGED
+        assert solved.planner == planner
+        assert solved.note == ""
+
+
+def test_the_compiled_planner_takes_the_place_of_a_missing_one(tmp_path, monkeypatch):
+    robot = snake(tmp_path, 3, limit=1.5)
+    a, b = np.array([0.0, 1.4, 0.0]), np.array([0.0, -1.4, 0.0])
+    world = world_for(robot, (), (box("ceiling", (3, 3, 0.02), (0, 0, 0.95)),))
+    settings = {"seed": 0, "max_iterations": 200}
+    assert plan_path(world, a, b, **settings).planner == "ompl"
+    asked = plan_path(world, a, b, planner="compiled", **settings)
+    monkeypatch.setattr(roadmap, "ob", None)
+    given = plan_path(world, a, b, **settings)
+    assert (given.planner, given.note) == ("compiled", "ompl is not installed: compiled trees")
+    assert np.array_equal(given.path.q_rad, asked.path.q_rad)
+    with pytest.raises(ProblemError, match="ompl, compiled"):
+        plan_path(world, a, b, planner="native", **settings)
