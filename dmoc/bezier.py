@@ -124,14 +124,14 @@ class BezierMotion:
         return JointTrajectory(t, q, self.derivative(t, 1), torque, robot)
 
 
-def fitted_controls(trajectory: JointTrajectory, degree: int = NUM_CONTROLS - 1) -> Array:
-    """Control points (degree + 1, n) of the curve nearest to a trajectory, its ends kept.
+def fitted_controls(trajectory: JointTrajectory) -> Array:
+    """Control points (`NUM_CONTROLS`, n) of the curve nearest to a trajectory, its ends kept.
 
     Least squares over 101 times; P_1 = P_0 and P_{d−1} = P_d, so the curve starts and ends at rest.
     """
     u = np.linspace(0.0, 1.0, 101)
     q = trajectory.sample(trajectory.t_s[0] + u * trajectory.duration_s).q_rad
-    basis = bernstein(u, degree)
+    basis = bernstein(u, NUM_CONTROLS - 1)
     start, goal = trajectory.q_rad[0], trajectory.q_rad[-1]
     rest = q - basis[:, :2].sum(axis=1)[:, None] * start - basis[:, -2:].sum(axis=1)[:, None] * goal
     inner = np.linalg.lstsq(basis[:, 2:-2], rest, rcond=None)[0]

@@ -21,6 +21,9 @@ PAPER_SWARM = SwarmParams(
 #: The paper's velocity boundaries [rad per iteration] of Δ_1, Δ_5 and of Δ_2, Δ_3, Δ_4.
 END_STEP_RAD, FREE_STEP_RAD = 0.1, 0.2
 
+#: How far from the straight line a swarm starts.
+SPREAD_RAD = 1.0
+
 #: Particles that break a limit or touch something cost this much and more, as the paper advises.
 PENALTY = 1e6
 
@@ -33,12 +36,10 @@ def swarm_bezier(
     seed: int,
     params: SwarmParams = PAPER_SWARM,
     forbidden: Forbidden | None = None,
-    spread_rad: float = 1.0,
-    callback: Callable[[int, float], None] | None = None,
 ) -> BezierResult:
     """Minimise the problem's metric over its five inner control points with a particle swarm.
 
-    The swarm starts around the straight line: free points uniform within `spread_rad` of it, their
+    The swarm starts around the straight line: free points uniform within `SPREAD_RAD` of it, their
     neighbours within the problem's `end_range_rad`; one particle is the straight line itself.
     Joints that need not move stand still in every other particle: friction makes the slightest
     move of them cost, and a swarm of random particles would never come back to rest exactly.
@@ -50,7 +51,7 @@ def swarm_bezier(
     lower, upper = problem.bounds
     n = problem.robot.num_joints
     rng = np.random.default_rng([seed, 1])
-    reach = np.repeat([problem.end_range_rad, *[spread_rad] * 3, problem.end_range_rad], n)
+    reach = np.repeat([problem.end_range_rad, *[SPREAD_RAD] * 3, problem.end_range_rad], n)
     offsets = reach * (2.0 * rng.random((params.particles, 5 * n)) - 1.0)
     offsets[0] = 0.0
     still = np.zeros(offsets.shape, dtype=bool)
@@ -75,8 +76,6 @@ def swarm_bezier(
                 values[hit] = PENALTY
         swarm.tell(values)
         history[k] = swarm.best_value if swarm.best_value < PENALTY else np.inf
-        if callback is not None:
-            callback(k, float(history[k]))
     motion = problem.motion(swarm.best_x)
     limits = motion.limit_use(problem.robot)
     legal = bool(swarm.best_value < PENALTY)

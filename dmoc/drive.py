@@ -233,14 +233,14 @@ def drive_from_mapping(
 _AURT = "published: Universal Robots factory calibration of a UR5e as printed by aurt"
 
 
-def ur_class_drive(num_joints: int = 6, large: tuple[int, ...] = (0, 1, 2)) -> DriveParams:
+def ur_class_drive(num_joints: int = 6) -> DriveParams:
     """Drive of a collaborative arm with strain-wave gears, ratio 101, on a 48 V bus.
 
-    `large` lists the joints with the UR5e's size-3 motor (shoulder and elbow); the others have its
-    size-1 motor. k_t, R and friction are published for the UR5e; the inverter is assumed. The
+    The first three joints (shoulder and elbow) have the UR5e's size-3 motor, the others its size-1
+    motor. k_t, R and friction are published for the UR5e; the inverter is assumed. The
     q-axis current is an amplitude, hence copper = 1.5 R.
     """
-    is_large = np.isin(np.arange(num_joints), large)
+    is_large = np.arange(num_joints) < 3
 
     def pick(big: float, small: float) -> np.ndarray:
         return np.where(is_large, big, small)

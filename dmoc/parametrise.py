@@ -40,6 +40,8 @@ __all__ = ["TimedPath", "best_slowdown", "slowdown_coefficients", "time_scale"]
 
 Law = Literal["quintic", "toppra"]
 _LIMIT_SLACK = 0.999
+#: Points of the grid on which a law is found, at least.
+LEAST_POINTS = 81
 _PIN_TOLERANCE_RAD = 1e-9
 
 
@@ -63,7 +65,6 @@ def time_scale(
     *,
     is_free: FreeTest | None = None,
     laws: tuple[Law, ...] = ("quintic", "toppra"),
-    least_points: int = 81,
 ) -> TimedPath:
     """Timing of `path` for `problem`: the cheaper of the two laws after the best slow-down.
 
@@ -77,7 +78,7 @@ def time_scale(
     blended = blend_corners(
         points, robot.velocity_limit_rad_s, pinned=_pinned(points, problem), is_free=is_free
     )
-    grid = blended.grid(least_points)
+    grid = blended.grid(LEAST_POINTS)
     q, dq, ddq = blended.evaluate(grid)
     candidates = []
     if "quintic" in laws:

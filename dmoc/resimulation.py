@@ -94,10 +94,7 @@ def simulate_open_loop(
 
 
 def simulate_tracking(
-    robot: Robot,
-    trajectory: JointTrajectory,
-    stiffness_rad_s: float = TRACKING_RAD_S,
-    wrench: Array | None = None,
+    robot: Robot, trajectory: JointTrajectory, wrench: Array | None = None
 ) -> Array:
     """Joints (N+1, n) [rad] at the knots under u_k + M(q)(ω² (q_ref − q) + 2ω (q̇_ref − q̇)).
 
@@ -105,7 +102,7 @@ def simulate_tracking(
     """
     model, data, accelerate = robot.model, robot.model.createData(), _plant(robot, wrench)
     q, v = np.array(trajectory.q_rad[0]), np.array(trajectory.velocity_rad_s[0])
-    out, w = [q], stiffness_rad_s
+    out, w = [q], TRACKING_RAD_S
     share = np.arange(SUBSTEPS) / SUBSTEPS
     times = trajectory.t_s[:-1, None] + np.diff(trajectory.t_s)[:, None] * share
     plain = JointTrajectory(

@@ -126,14 +126,16 @@ class Robot:
         """T_world_tip."""
         return self.flange_pose(q_rad) * self.tool.tip
 
-    def geometry(self, visual: bool = False) -> pin.GeometryModel:
-        """The links' collision (or visual) shapes at their joints, the base's placement included.
+    def geometry(self) -> pin.GeometryModel:
+        """The links' collision shapes at their joints, the base's placement included.
 
         Tool and payload have no shape here. `geometryObjects[i].parentFrame` names the link.
         """
-        kind = pin.GeometryType.VISUAL if visual else pin.GeometryType.COLLISION
         return pin.buildGeomFromUrdf(
-            self.model, str(self.urdf), kind, package_dirs=[str(self.urdf.parent)]
+            self.model,
+            str(self.urdf),
+            pin.GeometryType.COLLISION,
+            package_dirs=[str(self.urdf.parent)],
         )
 
     def with_tool(self, tool: Tool) -> Robot:

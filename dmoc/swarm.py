@@ -219,21 +219,16 @@ def minimise(
     seed: int,
     params: SwarmParams = SwarmParams(),
     start: np.ndarray | None = None,
-    callback: Callable[[int, float], None] | None = None,
-    start_velocity: np.ndarray | None = None,
 ) -> SwarmResult:
     """Minimise `objective`: points (m, d) -> values (m,), +inf where forbidden.
 
     Runs `params.iterations` rounds of the swarm and nothing else: same seed, same result.
-    `start`, `start_velocity` as in `Swarm`; `callback(iteration, best)` reports progress. If every
-    point met was forbidden, `value` is inf.
+    `start` as in `Swarm`. If every point met was forbidden, `value` is inf.
     """
-    swarm = Swarm(lower, upper, seed, params, start, start_velocity)
+    swarm = Swarm(lower, upper, seed, params, start)
     history = np.empty(params.iterations)
     for k in range(params.iterations):
         points = swarm.ask()
         swarm.tell(objective(points) if len(points) else np.empty(0))
         history[k] = swarm.best_value
-        if callback is not None:
-            callback(k, swarm.best_value)
     return SwarmResult(swarm.best_x, swarm.best_value, swarm.evaluations, history)

@@ -37,11 +37,7 @@ def bezier_of(trajectory: JointTrajectory) -> Array:
 
 
 def certify(
-    clearance: EdgeClearance,
-    trajectory: JointTrajectory,
-    *,
-    max_depth: int = MAX_DEPTH,
-    max_failures: int = MAX_FAILURES,
+    clearance: EdgeClearance, trajectory: JointTrajectory, *, max_depth: int = MAX_DEPTH
 ) -> Certificate:
     """Prove that every pair stays farther apart than the clearance's tracking error.
 
@@ -59,8 +55,8 @@ def certify(
     and where the bisection looked.
     """
     bezier = bezier_of(trajectory)
-    where = np.empty((max_failures, 2), dtype=np.int64)
-    place = np.empty((max_failures, 2))
+    where = np.empty((MAX_FAILURES, 2), dtype=np.int64)
+    place = np.empty((MAX_FAILURES, 2))
     samples = sub_points(bezier, 4)
     lowest = float(clearance.phi(samples).min())
     tolerance = LEVEL_TOLERANCE * clearance.world.clearance_m

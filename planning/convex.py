@@ -23,7 +23,7 @@ FLAT_M = 5e-4
 MANY_CORNERS = 60
 
 
-def convex_shape(points: npt.ArrayLike, pose: Array | None = None, slack_m: float = 0.0) -> Shape:
+def convex_shape(points: npt.ArrayLike, slack_m: float = 0.0) -> Shape:
     """The hull of `points` (V, 3) [m] as a convex shape; flat sets get a thickness of 1 mm.
 
     With `slack_m` > 0 a hull of many corners is replaced by a simpler polytope around it whose
@@ -47,8 +47,7 @@ def convex_shape(points: npt.ArrayLike, pose: Array | None = None, slack_m: floa
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", normal, hull.equations[:, :3]) < 0
     faces[inward] = faces[inward][:, ::-1]
-    return Shape("convex", vertices_m=vertices, faces=faces,
-                 pose=np.eye(4) if pose is None else pose)  # fmt: skip
+    return Shape("convex", vertices_m=vertices, faces=faces)
 
 
 def _thicken(cloud: Array) -> Array:

@@ -10,9 +10,12 @@ from planning.chain import Chain, pose_error
 
 __all__ = ["converge", "multi_start"]
 
+#: Errors below this get no further step [m, rad].
+_ENOUGH = 1e-12
+
 
 def converge(
-    chain: Chain, poses: Array, start_rad: Array, iterations: int = 60, tolerance: float = 1e-12
+    chain: Chain, poses: Array, start_rad: Array, iterations: int = 60
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Newton-like steps from (K, n) starts to (K, 4, 4) poses; angles, and where they arrived.
 
@@ -30,7 +33,7 @@ def converge(
         better = size < best[active]
         kept[active[better]] = q[active[better]]
         best[active] = np.minimum(best[active], size)
-        going = size > tolerance
+        going = size > _ENOUGH
         active, error, jacobian = active[going], error[going], jacobian[going]
         if not len(active):
             break

@@ -105,14 +105,16 @@ def wraps(q_rad: Array, lower_rad: Array, upper_rad: Array) -> Array:
     return np.array(list(itertools.product(*options))).reshape(-1, len(q_rad))
 
 
-def follow_line(
-    chain: Chain, q_rad: Array, offset_m: Array, step_m: float = 0.004
-) -> tuple[Array, npt.NDArray[np.bool_]]:
+#: How far the tip may advance between two points of one branch [m].
+_STEP_M = 0.004
+
+
+def follow_line(chain: Chain, q_rad: Array, offset_m: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Joint vectors along tip lines of constant orientation, by continuation.
 
     `q_rad` (A, n) starts; `offset_m` (A, m, 3) displacements of the tip from its start, in the
     order in which they are reached. Returns (A, m, n) and whether each line stayed on one branch
-    within limits and 1e-9 (A,). Between given points the tip advances by at most `step_m`.
+    within limits and 1e-9 (A,). Between given points the tip advances by at most `_STEP_M`.
     """
     q = np.array(q_rad, dtype=float)
     start = chain.forward(q)
@@ -122,7 +124,7 @@ def follow_line(
     reached = np.zeros((count, 3))
     for m in range(points):
         move = offset_m[:, m] - reached
-        steps = max(1, int(np.ceil(np.max(np.linalg.norm(move, axis=1), initial=0.0) / step_m)))
+        steps = max(1, int(np.ceil(np.max(np.linalg.norm(move, axis=1), initial=0.0) / _STEP_M)))
         for s in range(1, steps + 1):
             if not good.any():
                 break

@@ -19,20 +19,19 @@ __all__ = ["cached_pieces"]
 
 #: Changes whenever `mesh_pieces` would cut differently.
 _VERSION = 1
+MAX_PIECES, TOLERANCE_M = 64, 0.004
 
 
-def cached_pieces(
-    mesh: Mesh, max_pieces: int = 64, tolerance_m: float = 0.004
-) -> tuple[Shape, ...]:
-    """`mesh_pieces(mesh, ...)`, from the cache folder if this mesh was cut before."""
-    digest = hashlib.sha256(f"{_VERSION}|{max_pieces}|{tolerance_m}".encode())
+def cached_pieces(mesh: Mesh) -> tuple[Shape, ...]:
+    """`mesh_pieces(mesh, MAX_PIECES, TOLERANCE_M)`, from the cache folder if this mesh was cut before."""
+    digest = hashlib.sha256(f"{_VERSION}|{MAX_PIECES}|{TOLERANCE_M}".encode())
     digest.update(mesh.vertices_m.tobytes())
     digest.update(mesh.faces.tobytes())
     path = cache_folder() / "pieces" / f"{digest.hexdigest()[:40]}.npz"
     found = _read(path)
     if found is None:
         found = [np.asarray(piece.vertices_m) for piece in
-                 mesh_pieces(mesh, max_pieces, tolerance_m)]  # fmt: skip
+                 mesh_pieces(mesh, MAX_PIECES, TOLERANCE_M)]  # fmt: skip
         _write(path, found)
     # Both ways end in the same hulls, so a cached run equals a fresh one.
     return tuple(convex_shape(vertices) for vertices in found)

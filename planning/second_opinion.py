@@ -23,9 +23,7 @@ CAP_M = 0.3
 MOST_WELDS, RANDOM = 60, 60
 
 
-def second_opinions(
-    station: Station, studs: Sequence[StudAlternatives], seed: int = 0
-) -> list[dict[str, Any]]:
+def second_opinions(station: Station, studs: Sequence[StudAlternatives]) -> list[dict[str, Any]]:
     """How far every engine is from that of the station, at weld poses and random configurations.
 
     One entry per other engine: `engine`, `configurations`, `largest_m` (of the differences where
@@ -33,7 +31,7 @@ def second_opinions(
     none): how many configurations; `worst`: pair and joint angles of the largest difference.
     Depths are not compared: an overlap has several legal ones.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     robot = station.robot
     drawn = rng.uniform(robot.q_lower_rad, robot.q_upper_rad, (RANDOM, robot.num_joints))
     asked: list[tuple[Array, tuple[DepartureLine, ...]]] = [(q, ()) for q in drawn]
