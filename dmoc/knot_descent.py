@@ -7,7 +7,7 @@ parameters of the Hermite curve that is replayed, and goes on with sharper and s
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,17 +19,14 @@ from dmoc.curve_cost import CurveCost
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory, inverse_dynamics
 
-__all__ = ["PolishParams", "polish_trajectory", "still_joints"]
+__all__ = ["polish_trajectory", "still_joints"]
 
 
-@dataclass(frozen=True)
-class PolishParams:
-    """Samples per interval, and iterations at each `smoothing_rad_s` of the kinks in turn."""
-
-    samples: int = 4
-    iterations: int = 150
-    smoothing_rad_s: tuple[float, ...] = (0.01, 0.003, 0.001)
-    price: float = 1e4
+#: Samples per interval, and iterations at each smoothing of the kinks in turn.
+SAMPLES, ITERATIONS = 4, 150
+SMOOTHING_RAD_S = (0.01, 0.003, 0.001)
+#: Of a limit that is broken.
+PRICE = 1e4
 
 
 def hermite(t: Array, knots_s: Array, derivative: int) -> Array:
@@ -70,7 +67,7 @@ def still_joints(
 
 
 def polish_trajectory(
-    trajectory: JointTrajectory, robot: Robot, metric: str, params: PolishParams = PolishParams()
+    trajectory: JointTrajectory, robot: Robot, metric: str
 ) -> tuple[JointTrajectory, float]:
     """The trajectory after descent over its inner knots, and its exact value on the fine replay.
 
@@ -79,7 +76,7 @@ def polish_trajectory(
     """
     t0 = trajectory.t_s - trajectory.t_s[0]
     count, n = trajectory.q_rad.shape
-    share = (np.arange(params.samples) + 0.5) / params.samples
+    share = (np.arange(SAMPLES) + 0.5) / SAMPLES
     times = (t0[:-1, None] + np.diff(t0)[:, None] * share).ravel()
     q, v, a, jerk = (hermite(times, t0, k) for k in range(4))
     first, second = (hermite(t0[[0, -1]], t0, k) for k in (1, 2))
@@ -93,18 +90,18 @@ def polish_trajectory(
     low = np.vstack([np.tile(robot.q_lower_rad, (count, 1)), np.full((count, n), -np.inf)])
     high = np.vstack([np.tile(robot.q_upper_rad, (count, 1)), np.full((count, n), np.inf)])
     box = np.stack([low[free], high[free]], axis=1)
-    for level in params.smoothing_rad_s:
+    for level in SMOOTHING_RAD_S:
 
         def function(x: Array, level: float = level, at: Array = knots) -> tuple[float, Array]:
             full = at.copy()
             full[free] = x
-            value, gradient = cost.descend(full, level, params.price)
+            value, gradient = cost.descend(full, level, PRICE)
             return value, gradient[free]
 
         solver: Any = minimize  # its stubs know no `jac=True`
         found = solver(
             function, np.clip(knots[free], *box.T), jac=True, method="L-BFGS-B", bounds=box,
-            options={"maxiter": params.iterations, "maxcor": 30, "ftol": 1e-11},
+            options={"maxiter": ITERATIONS, "maxcor": 30, "ftol": 1e-11},
         )  # fmt: skip
         tried = knots.copy()
         tried[free] = found.x

@@ -131,12 +131,8 @@ class Robot:
 
         Tool and payload have no shape here. `geometryObjects[i].parentFrame` names the link.
         """
-        return pin.buildGeomFromUrdf(
-            self.model,
-            str(self.urdf),
-            pin.GeometryType.COLLISION,
-            package_dirs=[str(self.urdf.parent)],
-        )
+        kind, folders = pin.GeometryType.COLLISION, [str(self.urdf.parent)]
+        return pin.buildGeomFromUrdf(self.model, str(self.urdf), kind, package_dirs=folders)
 
     def with_tool(self, tool: Tool) -> Robot:
         """This robot with `tool` on its flange instead of the present one."""

@@ -23,7 +23,7 @@ MAX_PIECES, TOLERANCE_M = 64, 0.004
 
 
 def cached_pieces(mesh: Mesh) -> tuple[Shape, ...]:
-    """`mesh_pieces(mesh, MAX_PIECES, TOLERANCE_M)`, from the cache folder if this mesh was cut before."""
+    """`mesh_pieces`, from the cache folder if this mesh was cut before."""
     digest = hashlib.sha256(f"{_VERSION}|{MAX_PIECES}|{TOLERANCE_M}".encode())
     digest.update(mesh.vertices_m.tobytes())
     digest.update(mesh.faces.tobytes())
