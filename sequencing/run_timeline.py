@@ -83,10 +83,8 @@ class Timeline:
                     torque[rows] = robot.gravity_torque_nm(held)
                 continue
             curve = trajectory_of(self.motions[segment.index])
-            if robot is not None and curve.robot is not robot:
-                curve = JointTrajectory(
-                    curve.t_s, curve.q_rad, curve.velocity_rad_s, curve.torque_nm, robot
-                )
+            if robot is not None:
+                curve = curve.on(robot)
             sample = curve.sample(times[rows] - segment.start_s + curve.t_s[0])
             q[rows], v[rows], a[rows] = sample[:3]
             if torque is not None:

@@ -56,10 +56,7 @@ def _limit_faults(run: Run, where: str, trajectory: JointTrajectory) -> list[Fau
     share = np.arange(_PER_INTERVAL) / _PER_INTERVAL
     h = np.diff(trajectory.t_s)[:, None]
     times = np.append((trajectory.t_s[:-1, None] + h * share).ravel(), trajectory.t_s[-1])
-    plain = JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    )
-    sample = plain.sample(times)
+    sample = trajectory.on(None).sample(times)
     speed, torque = run.limit("velocity_limit_rad_s"), run.limit("torque_limit_nm")
     return [
         *_outside(run, where, "q_rad", sample.q_rad, run.limit("q_lower_rad"),

@@ -41,9 +41,7 @@ def cycle_use(
         moving += curve.duration_s
         grid = np.linspace(curve.t_s[0], curve.t_s[-1],
                            SAMPLES_PER_INTERVAL * curve.num_intervals + 1)  # fmt: skip
-        state = JointTrajectory(
-            curve.t_s, curve.q_rad, curve.velocity_rad_s, curve.torque_nm, robot
-        ).sample(grid)
+        state = curve.on(robot).sample(grid)
         power = electrical_power_w(
             state.velocity_rad_s, state.acceleration_rad_s2, state.torque_nm, drive
         ).sum(axis=1)

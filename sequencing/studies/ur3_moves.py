@@ -94,8 +94,7 @@ def movej(move: Move, robot: Robot, duration_s: float) -> JointTrajectory:
     reach = acceleration * duration_s
     speed = 0.5 * (reach - np.sqrt(reach * reach - 4.0 * acceleration * distance))
     paced = robot.with_limits(velocity_limit_rad_s=speed, acceleration_limit_rad_s2=acceleration)
-    slow = trapezoid_motion(paced, move.start_rad, move.goal_rad, num_intervals=60)
-    return JointTrajectory(slow.t_s, slow.q_rad, slow.velocity_rad_s, slow.torque_nm, robot)
+    return trapezoid_motion(paced, move.start_rad, move.goal_rad, num_intervals=60).on(robot)
 
 
 Pair = tuple[Array, Array]

@@ -123,9 +123,7 @@ def path_power(
     cells = max(8, int(np.ceil(duration / cell_s)))
     knots = trajectory.t_s - trajectory.t_s[0]
     middle, width, cell = _pieces(knots, duration, cells)
-    q, qd, qdd, _ = JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    ).sample(trajectory.t_s[0] + middle)
+    q, qd, qdd, _ = trajectory.on(None).sample(trajectory.t_s[0] + middle)
     params = drive_of(robot) if drive is None else drive
     static, inertia, speed = _terms(robot, q, qd, qdd, wrench)
     ends = trajectory.q_rad[[0, -1]]

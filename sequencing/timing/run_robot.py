@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from dmoc.errors import InputError
 from dmoc.robot import Robot
-from dmoc.trajectory import JointTrajectory
 from dmoc.yaml_file import FieldPath
 from planning.shapes import Body
 from planning.station import Station, available_stations, demo_station
@@ -46,11 +45,7 @@ def robot_from_run(build: CellFaults, entry: CellRobotEntry, k: int) -> CellRobo
     bodies = _tool(build, entry, station, field)
     weld_s = {weld.stud: float(weld.time_s) for weld in run.welds}
     motions = [m for m in run.motions if m.motion.trajectory is not None]
-    trajectories = tuple(
-        JointTrajectory(t.t_s, t.q_rad, t.velocity_rad_s, t.torque_nm, robot)
-        for m in motions
-        if (t := m.motion.trajectory) is not None
-    )
+    trajectories = tuple(t.on(robot) for m in motions if (t := m.motion.trajectory) is not None)
     if not trajectories:
         build.refuse((*field, "run"))("run-empty", "no motion", "at least one motion",
                                       "plan the station again")  # fmt: skip

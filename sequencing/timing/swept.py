@@ -47,9 +47,7 @@ def swept_path(
 ) -> SweptPath:
     """Sweep `shapes` along `trajectory` in `pieces` equal time steps."""
     t = np.linspace(0.0, trajectory.duration_s, pieces + 1) + trajectory.t_s[0]
-    bare = JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    )
+    bare = trajectory.on(None)
     rotation, origin = joint_frames(robot, bare.sample(t).q_rad)
     joint = shapes.joint
     ends = (

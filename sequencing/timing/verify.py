@@ -86,7 +86,7 @@ class _Actor:
             return self.ends
         k = self.active(t)
         trajectory = self.trajectories[k]
-        bare = _bare(trajectory)
+        bare = trajectory.on(None)
         q = bare.sample(trajectory.t_s[0] + self.phase(t, k)).q_rad[0]
         pin.forwardKinematics(self.robot.model, self.data, q)
         out = np.empty_like(self.shapes.ends_m)
@@ -104,7 +104,7 @@ class _Actor:
         s0, s1 = self.phase(t0, k), self.phase(t1, k)
         if s1 - s0 <= 0.0:
             return np.zeros(len(self.shapes.joint))
-        turn = joint_travel(_bare(trajectory), trajectory.t_s[0] + np.array([s0, s1]))
+        turn = joint_travel(trajectory.on(None), trajectory.t_s[0] + np.array([s0, s1]))
         return self.reach @ turn[0]
 
     def transform(self, c: int) -> coal.Transform3s:
@@ -123,15 +123,6 @@ class _Actor:
         )
 
 
-def _bare(trajectory: JointTrajectory) -> JointTrajectory:
-    """Without the robot, so that sampling computes no torques."""
-    if trajectory.robot is None:
-        return trajectory
-    return JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    )
-
-
 def check_schedule(
     cell: Cell, start_s: np.ndarray, override: np.ndarray, most: int = 1000
 ) -> list[Contact]:
@@ -142,7 +133,7 @@ def check_schedule(
         actor = _Actor(item.name, item.robot, arm_shapes(item.robot, item.tool_bodies))
         start, speed = np.asarray(start_s)[part], np.asarray(override)[part]
         order = np.argsort(start, kind="stable")  # jobs may run in another order than given
-        actor.trajectories = [_bare(item.trajectories[k]) for k in order]
+        actor.trajectories = [item.trajectories[k].on(None) for k in order]
         actor.start, actor.override = start[order], speed[order]
         actors.append(actor)
     found: list[Contact] = []
@@ -177,7 +168,7 @@ def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]], clearance_m: float)
             continue
         shapes = moving_shapes(arm_shapes(item.robot, item.tool_bodies))
         actor = _Actor(item.name, item.robot, shapes)
-        actor.trajectories = [_bare(t) for t in item.trajectories]
+        actor.trajectories = [t.on(None) for t in item.trajectories]
         lengths = [t.duration_s for t in item.trajectories]
         actor.start = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
         actor.override = np.ones(len(lengths))
