@@ -9,7 +9,7 @@ import numpy as np
 
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory, inverse_dynamics
-from planning.station_parts import Refuse
+from dmoc.yaml_file import Refuse
 from sequencing.timing.cell_file import LoadEntry
 from sequencing.timing.cell_types import CellRobot
 
