@@ -88,8 +88,8 @@ def _pair(before: float, after: float) -> dict[str, float | None]:
 
 
 def _costs(a: Run, b: Run) -> dict[str, Any]:
-    parts = [run.result["tables"]["energy_based"] for run in (a, b)]
-    return {key: _pair(parts[0][key], parts[1][key]) for key in ("travel", "welding", "total")}
+    before, after = a.costs, b.costs
+    return {key: _pair(before[key], after[key]) for key in ("travel", "welding", "total")}
 
 
 def _changed(a: dict[str, Any], b: dict[str, Any]) -> dict[str, Any]:

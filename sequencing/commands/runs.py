@@ -33,14 +33,15 @@ def run_export(
 
 
 def run_view(console: Console, run_dir: Path, out: Path | None) -> Outcome:
-    """Write curves and scene of a run anew."""
+    """Write curves, report and, where there is a station, the scene of a run anew."""
     run = read_run(run_dir)
     robot = _robot(run)
     folder = out or run_dir
     folder.mkdir(parents=True, exist_ok=True)
     files = [write_curves(run.timeline, robot, folder / "curves.png", run.name)]
-    station = station_of(run)
-    files.append(write_scene(station, run.timeline, folder / "scene.html", run.name))
+    if run.planned:
+        scene = folder / "scene.html"
+        files.append(write_scene(station_of(run), run.timeline, scene, run.name))
     files.append(write_report(run, robot, folder / "report.html"))
     for path in files:
         console.show(f"wrote {path}")

@@ -13,6 +13,8 @@ from dmoc.motion import Motion, MotionProblem
 from dmoc.robot import load_robot
 from dmoc.solver import solve
 from sequencing.commands.console import Console, Outcome, save_json
+from sequencing.cycle_types import CycleMotion
+from sequencing.run_files import write_motions
 
 __all__ = ["parse_vector", "run_solve"]
 
@@ -45,7 +47,7 @@ def run_solve(
     seed: int,
     out: Path | None,
 ) -> Outcome:
-    """Solve, print a line or the JSON object, and write it to `out`/motion.json if asked."""
+    """Solve, print a line or the JSON object; `out` gets motion.json and the motion as a run."""
     robot = load_robot(robot_name)
     if payload > 0:
         robot = robot.with_payload(payload)
@@ -64,6 +66,9 @@ def run_solve(
     if not motion.status.ok:
         console.say(f"{motion.status.value}: {motion.status.advice} {motion.note}".rstrip())
     save_json(out, "motion.json", data)
+    if out is not None and motion.trajectory is not None:
+        item = CycleMotion("m000", "start", "goal", "travel", motion)
+        write_motions(f"{robot.name} motion", robot, [item], problem.cost, out, seed)
     return Outcome(data, 0 if motion.status.ok else 3)
 
 
