@@ -28,7 +28,7 @@ from sequencing.report.tables import tables_markdown
 from sequencing.run_archive import json_text, npz_bytes, sha256_of, write_atomic
 from sequencing.run_csv import motion_csv, motion_file_name
 from sequencing.run_result import SCHEMA_VERSION, RunResult, result_of, result_of_motions
-from sequencing.run_timeline import Timeline, timeline
+from sequencing.run_timeline import CycleTimeline, timeline
 
 _ARRAYS = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
 
@@ -77,7 +77,7 @@ class Run:
         return {key: value for key, value in found.items() if value is not None}
 
     @property
-    def timeline(self) -> Timeline:
+    def timeline(self) -> CycleTimeline:
         """Motions and welds on one clock."""
         return timeline(self.welds, self.motions)
 

@@ -13,7 +13,7 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion, Weld
 
-__all__ = ["CycleState", "Segment", "Timeline", "timeline"]
+__all__ = ["CycleState", "CycleTimeline", "Segment", "timeline"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class CycleState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Timeline:
+class CycleTimeline:
     """The segments of a cycle in order, without holes, starting at 0 s."""
 
     segments: tuple[Segment, ...]
@@ -101,7 +101,7 @@ def trajectory_of(item: CycleMotion) -> JointTrajectory:
     return trajectory
 
 
-def timeline(welds: Sequence[Weld], motions: Sequence[CycleMotion]) -> Timeline:
+def timeline(welds: Sequence[Weld], motions: Sequence[CycleMotion]) -> CycleTimeline:
     """Welds and motions in order of execution.
 
     One motion more than welds: the cycle begins with the motion from home. Otherwise it begins
@@ -124,10 +124,10 @@ def timeline(welds: Sequence[Weld], motions: Sequence[CycleMotion]) -> Timeline:
         if length > 0:
             segments.append(Segment(clock, clock + length, kind, index, label))
         clock += length
-    return Timeline(tuple(segments), tuple(welds), tuple(motions))
+    return CycleTimeline(tuple(segments), tuple(welds), tuple(motions))
 
 
-def _joints(line: Timeline) -> int:
+def _joints(line: CycleTimeline) -> int:
     if line.motions:
         return int(trajectory_of(line.motions[0]).q_rad.shape[1])
     return len(line.welds[0].q_rad)

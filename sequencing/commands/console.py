@@ -12,11 +12,11 @@ from typing import Any
 
 from dmoc.errors import Fault
 
-__all__ = ["Console", "Outcome", "plain", "save_json"]
+__all__ = ["CommandResult", "Console", "plain", "save_json"]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CommandResult:
     """What a command returns: the object for `--json`, and the exit code."""
 
     data: Mapping[str, Any]

@@ -12,7 +12,7 @@ from dmoc.errors import Fault, InputError
 from dmoc.motion import Motion, MotionProblem
 from dmoc.robot import load_robot
 from dmoc.solver import solve
-from sequencing.commands.console import Console, Outcome, save_json
+from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.cycle_types import CycleMotion
 from sequencing.run_files import write_motions
 
@@ -46,7 +46,7 @@ def run_solve(
     payload: float,
     seed: int,
     out: Path | None,
-) -> Outcome:
+) -> CommandResult:
     """Solve, print a line or the JSON object; `out` gets motion.json and the motion as a run."""
     robot = load_robot(robot_name)
     if payload > 0:
@@ -69,7 +69,7 @@ def run_solve(
     if out is not None and motion.trajectory is not None:
         item = CycleMotion("m000", "start", "goal", "travel", motion)
         write_motions(f"{robot.name} motion", robot, [item], problem.cost, out, seed)
-    return Outcome(data, 0 if motion.status.ok else 3)
+    return CommandResult(data, 0 if motion.status.ok else 3)
 
 
 def _as_object(motion: Motion) -> dict[str, object]:

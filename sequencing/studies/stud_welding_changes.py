@@ -20,8 +20,8 @@ from sequencing.nodes import StationNodes, station_nodes
 from sequencing.studies.stud_welding_friction import with_friction
 from sequencing.studies.stud_welding_kept import keep_row, kept_row, row_key
 from sequencing.studies.stud_welding_model import (
-    Bench,
     Model,
+    StudyBench,
     open_model,
     priced_nodes,
     scaled_masses,
@@ -100,7 +100,7 @@ FEW_CHANGES = ("masses × 1.25", "time weight c_t × 10", "departure 5 cm", "fri
 
 def price_change(
     change: Change, nominal: Model, table: Array, old: tuple[int, ...], new: tuple[int, ...],
-    world: CollisionWorld, bench: Bench, limit: int,
+    world: CollisionWorld, bench: StudyBench, limit: int,
 ) -> ChangeRow | None:  # fmt: skip
     """The row of a change; None where no cycle exists under it.
 

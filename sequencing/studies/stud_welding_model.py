@@ -25,9 +25,9 @@ from sequencing.nodes import StationNodes
 from sequencing.store import EdgeStore
 
 __all__ = [
-    "Bench",
     "Edges",
     "Model",
+    "StudyBench",
     "open_model",
     "priced_nodes",
     "scaled_masses",
@@ -37,7 +37,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class StudyBench:
     """What all parts of the study share: seed, store of solved edges, executor, progress."""
 
     seed: int
@@ -97,7 +97,7 @@ def travels(nodes: tuple[int, ...]) -> np.ndarray:
 
 
 def open_model(
-    name: str, station: Station, nodes: StationNodes, world: CollisionWorld, bench: Bench
+    name: str, station: Station, nodes: StationNodes, world: CollisionWorld, bench: StudyBench
 ) -> Model:
     """Edges of `station` between `nodes`, before anything is trained; close `edges` when done."""
     edges = StationEdges(

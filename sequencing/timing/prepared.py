@@ -28,7 +28,7 @@ from sequencing.timing.path_power import (
     power_table,
 )
 from sequencing.timing.swept import SweptPath, swept_path
-from sequencing.timing.timeline import Timeline, drawn_j, make_timeline
+from sequencing.timing.timeline import CellTimeline, drawn_j, make_timeline
 
 __all__ = ["Evaluation", "Geometry", "PreparedCell", "prepare_cell"]
 
@@ -41,7 +41,7 @@ class PreparedCell:
     paths: tuple[PathPower, ...]
     tables: tuple[PowerTable, ...]
 
-    def timeline(self, total_s: float, step_s: float = 0.004) -> Timeline:
+    def timeline(self, total_s: float, step_s: float = 0.004) -> CellTimeline:
         """All trajectories of all robots over `total_s`."""
         return self._timeline(self.tables, total_s, step_s)
 
@@ -51,7 +51,7 @@ class PreparedCell:
         total_s: float,
         step_s: float = 0.004,
         standing: Sequence[tuple[int, bool]] = (),
-    ) -> Timeline:
+    ) -> CellTimeline:
         """One trajectory for each robot, by number, then the robots that stand through it.
 
         `standing` has (trajectory, True at its end or False at its start) of each such robot; it
@@ -124,7 +124,9 @@ class PreparedCell:
             [self.paths[k] for k in order],
         )
 
-    def _timeline(self, tables: Sequence[PowerTable], total_s: float, step_s: float) -> Timeline:
+    def _timeline(
+        self, tables: Sequence[PowerTable], total_s: float, step_s: float
+    ) -> CellTimeline:
         first = self.cell.first
         groups = [list(tables[a:b]) for a, b in itertools.pairwise(first)]
         return make_timeline(groups, total_s, self.cell.links, self.cell.link_of, step_s)
