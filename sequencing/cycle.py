@@ -39,8 +39,6 @@ from sequencing.nodes import HOME, StationNodes, station_nodes
 from sequencing.polish import polish_cycle
 from sequencing.store import EdgeStore
 
-__all__ = ["NoCycle", "PlanEvent", "PlanStop", "plan_station"]
-
 MAX_FINAL_REPAIRS = 20
 # Relative accuracy of a solved cost.
 BOUND_SLACK = 1e-6

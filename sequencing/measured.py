@@ -16,8 +16,6 @@ from sequencing.measured_log import ControllerLog, read_controller_log
 from sequencing.run_files import Run, read_run
 from sequencing.run_timeline import CycleTimeline
 
-__all__ = ["measured_against_plan"]
-
 # A joint that is faster than this moves [rad/s].
 MOVING_RAD_S = 0.01
 _FINE_S = 0.002

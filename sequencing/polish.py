@@ -30,8 +30,6 @@ from sequencing.polish_spin import (
     spun,
 )
 
-__all__ = ["polish_cycle"]
-
 FIRST_STEP_RAD = 0.12
 LEAST_STEP_RAD = 0.02
 MAX_SWEEPS = 4

@@ -9,8 +9,6 @@ import numpy as np
 from sequencing.report.tables import markdown_table, number
 from sequencing.run_files import Run
 
-__all__ = ["compare_runs", "comparison_text"]
-
 
 def compare_runs(a: Run, b: Run) -> dict[str, Any]:
     """Differences from run `a` to run `b`, ready for `--json`.

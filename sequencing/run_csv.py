@@ -11,8 +11,6 @@ from dmoc.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion
 from sequencing.run_archive import csv_text
 
-__all__ = ["motion_csv", "motion_file_name"]
-
 _SAMPLES_PER_INTERVAL = 4
 
 

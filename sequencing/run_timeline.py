@@ -13,8 +13,6 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion, Weld
 
-__all__ = ["CycleState", "CycleTimeline", "Segment", "timeline"]
-
 
 @dataclass(frozen=True)
 class Segment:

@@ -10,8 +10,6 @@ from planning.init_station import init_station
 from planning.station import available_stations, demo_station
 from sequencing.commands.console import CommandResult, Console, save_json
 
-__all__ = ["run_check", "run_init"]
-
 
 def run_check(
     console: Console, station: str, out: Path | None, engines: bool = False

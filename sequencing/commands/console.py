@@ -12,8 +12,6 @@ from typing import Any
 
 from dmoc.errors import Fault
 
-__all__ = ["CommandResult", "Console", "plain", "save_json"]
-
 
 @dataclass(frozen=True)
 class CommandResult:

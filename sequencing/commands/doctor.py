@@ -13,8 +13,6 @@ import numpy as np
 
 from sequencing.commands.console import CommandResult, Console, save_json
 
-__all__ = ["run_doctor"]
-
 PACKAGES = (
     "dmoc", "casadi", "pin", "coal", "python-fcl", "ompl", "numpy", "scipy", "numba", "networkx",
     "toppra", "pydantic", "viser", "mujoco",

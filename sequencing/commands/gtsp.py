@@ -7,8 +7,6 @@ from pathlib import Path
 from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.gtsp.command import run_gtsp_file
 
-__all__ = ["run_gtsp"]
-
 
 def run_gtsp(
     console: Console, file: Path, seed: int, exact: bool, effort: str, out: Path | None

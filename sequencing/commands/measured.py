@@ -8,8 +8,6 @@ from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.measured import measured_against_plan
 from sequencing.report.measured_tables import measured_markdown
 
-__all__ = ["run_measured"]
-
 
 def run_measured(console: Console, log: Path, run: Path, out: Path | None) -> CommandResult:
     """Time, position, current and energy of a log against the run that was exported."""

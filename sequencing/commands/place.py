@@ -22,8 +22,6 @@ from sequencing.report.placement_report import (
 )
 from sequencing.run_archive import write_atomic
 
-__all__ = ["run_place"]
-
 
 def run_place(
     console: Console, station_name: str, span_m: float, step_m: float, yaw_deg: float,

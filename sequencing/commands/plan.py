@@ -16,8 +16,6 @@ from sequencing.cycle import NoCycle, PlanEvent, PlanStop, plan_station
 from sequencing.cycle_types import Cycle, Reuse
 from sequencing.run_files import write_run
 
-__all__ = ["headline", "open_station", "run_demo", "run_plan"]
-
 DEMO = "stud_welding_a_8"
 
 

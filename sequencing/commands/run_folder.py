@@ -19,8 +19,6 @@ from sequencing.report.scene import write_scene
 from sequencing.run_files import read_run
 from sequencing.store import EdgeStore
 
-__all__ = ["RunBench", "no_cycle", "open_bench", "write_pages"]
-
 
 @dataclass(frozen=True)
 class RunBench:

@@ -15,8 +15,6 @@ from sequencing.run_compare import compare_runs, comparison_text
 from sequencing.run_files import Run, read_run
 from sequencing.run_station import station_of
 
-__all__ = ["run_compare", "run_export", "run_view"]
-
 
 def run_export(
     console: Console, run_dir: Path, format: str, step_s: float | None, out: Path | None

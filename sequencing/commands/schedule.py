@@ -11,8 +11,6 @@ from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.report.tables import markdown_table, number
 from sequencing.timing import run_schedule
 
-__all__ = ["cases_table", "remarks", "run_schedule_command"]
-
 
 def run_schedule_command(console: Console, cell: str, seed: int, out: Path | None) -> CommandResult:
     """Baselines and optimised timings of a cell.yaml; exit 3 where every timing collides."""

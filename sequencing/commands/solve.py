@@ -16,8 +16,6 @@ from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.cycle_types import CycleMotion
 from sequencing.run_files import write_motions
 
-__all__ = ["parse_vector", "run_solve"]
-
 
 def parse_vector(text: str, name: str, num_joints: int) -> np.ndarray:
     """Numbers separated by commas or blanks; `InputError` names the option."""

@@ -11,8 +11,6 @@ from sequencing.commands.plan import headline
 from sequencing.commands.run_folder import no_cycle, open_bench, write_pages
 from sequencing.run_files import write_run
 
-__all__ = ["run_study"]
-
 STUDIES = ("stud-welding", "pallet-cell", "ur3")
 STATIONS = {"A": "stud_welding_a", "B": "stud_welding_b", "C": "stud_welding_c"}
 

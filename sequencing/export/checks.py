@@ -9,8 +9,6 @@ from dmoc.errors import Fault, InputError
 from dmoc.trajectory import JointTrajectory
 from sequencing.run_files import Run
 
-__all__ = ["POSITION_SLACK_RAD", "SPEED_SLACK", "TORQUE_SLACK", "check_exportable"]
-
 # The optimiser keeps its limits at the knots and on average between them; the smooth curve through
 # the knots may bulge a little beyond, less than a controller's own supervision lets through.
 POSITION_SLACK_RAD = 1e-3

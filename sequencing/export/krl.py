@@ -17,8 +17,6 @@ from sequencing.export.wording import (
 )
 from sequencing.run_files import Run
 
-__all__ = ["krl_program"]
-
 
 def krl_program(run: Run) -> str:
     """One .src file. Points between are approximated (C_PTP), weld poses exact."""

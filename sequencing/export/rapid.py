@@ -17,8 +17,6 @@ from sequencing.export.wording import (
 )
 from sequencing.run_files import Run
 
-__all__ = ["rapid_program"]
-
 _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 
 

@@ -14,16 +14,6 @@ from sequencing.cycle_types import CycleMotion, Weld
 from sequencing.run_files import Run
 from sequencing.run_timeline import trajectory_of
 
-__all__ = [
-    "POINT_TO_POINT",
-    "STREAMED",
-    "ascii_text",
-    "header_lines",
-    "identifier",
-    "six_joints",
-    "steps",
-]
-
 POINT_TO_POINT = (
     "Point-to-point export does NOT preserve the planned timing and therefore not the planned "
     "torques or energy: the controller makes its own speed profile between these points."

@@ -17,8 +17,6 @@ from sequencing.gtsp.portfolio import solve
 from sequencing.gtsp.problem import GtspProblem
 from sequencing.gtsp.stop import Callback
 
-__all__ = ["run_gtsp_file"]
-
 
 def run_gtsp_file(
     path: str | Path,

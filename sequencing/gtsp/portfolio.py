@@ -17,8 +17,6 @@ from sequencing.gtsp.pool import diverse, travels
 from sequencing.gtsp.problem import GtspProblem, Tour, as_tours
 from sequencing.gtsp.stop import EFFORTS, Callback, Incumbent, Stop
 
-__all__ = ["solve"]
-
 METHODS = ("auto", "heuristic", "exact", "held-karp", "ruin-recreate")
 PROOF_TOLERANCE = 1e-7
 SMALL_TABLE_BYTES = 4 << 20  # Held–Karp takes milliseconds

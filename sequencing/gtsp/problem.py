@@ -27,8 +27,6 @@ from sequencing.gtsp.validation import (
     precedence_pairs,
 )
 
-__all__ = ["GtspProblem", "Tour"]
-
 
 @dataclass(frozen=True, eq=False)
 class GtspProblem:

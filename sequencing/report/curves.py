@@ -15,8 +15,6 @@ from dmoc.robot import Robot
 from sequencing.run_archive import write_atomic
 from sequencing.run_timeline import CycleTimeline, trajectory_of
 
-__all__ = ["curves_png", "plot_cycle", "write_curves"]
-
 # Okabe and Ito's palette: told apart with any kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
 _WELD = "#e8e4d8"

@@ -15,8 +15,6 @@ from sequencing.report.tables import markdown_table, number, tables_markdown
 from sequencing.run_archive import write_atomic
 from sequencing.run_files import Run
 
-__all__ = ["report_html", "write_report"]
-
 
 def write_report(run: Run, robot: Robot, path: Path) -> Path:
     """Write `report_html` to `path` in one step and return the path."""

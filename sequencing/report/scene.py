@@ -21,8 +21,6 @@ from sequencing.report.scene_frames import frame_times, joint_frames, tip_path
 from sequencing.run_archive import write_atomic
 from sequencing.run_timeline import CycleTimeline
 
-__all__ = ["scene_html", "write_scene"]
-
 _TOOL = (70, 74, 82)
 _PART = (168, 178, 190)
 _CLAMP = (205, 160, 60)

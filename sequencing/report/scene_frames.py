@@ -10,8 +10,6 @@ from dmoc.arrays import Array
 from dmoc.robot import Robot
 from sequencing.run_timeline import CycleTimeline, trajectory_of
 
-__all__ = ["frame_times", "joint_frames", "tip_path"]
-
 
 def frame_times(duration_s: float, frames_per_s: float, max_frames: int) -> Array:
     """Equally spaced times (K,) from 0 to the end, K ≤ `max_frames`."""

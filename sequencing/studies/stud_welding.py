@@ -39,8 +39,6 @@ from sequencing.studies.stud_welding_shares import sharing_out
 from sequencing.studies.stud_welding_trade_offs import trade_off_points
 from sequencing.studies.stud_welding_types import NEAR_PERCENT, StudWeldingStudy
 
-__all__ = ["STATIONS", "Budget", "StudyRun", "run_stud_welding_study", "study_station"]
-
 STATIONS = {"A": "stud_welding_a", "B": "stud_welding_b", "C": "stud_welding_c"}
 
 

@@ -20,8 +20,6 @@ from sequencing.store import decode_motion, encode_motion
 from sequencing.studies.stud_welding_model import Model, StudyBench, travels
 from sequencing.studies.stud_welding_types import DepartureRow
 
-__all__ = ["CHOSEN", "departure_rows", "solve_kept"]
-
 NUM_INTERVALS = 20
 Sequences = Mapping[str, tuple[int, ...]]
 #: Row name → knots on each line, of twenty intervals; None: no line.

@@ -24,17 +24,6 @@ from sequencing.edges import StationEdges
 from sequencing.nodes import StationNodes
 from sequencing.store import EdgeStore
 
-__all__ = [
-    "Edges",
-    "Model",
-    "StudyBench",
-    "open_model",
-    "priced_nodes",
-    "scaled_masses",
-    "square",
-    "travels",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class StudyBench:

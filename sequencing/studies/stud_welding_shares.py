@@ -20,8 +20,6 @@ from sequencing.studies.stud_welding_use import (
     trajectories_of,
 )
 
-__all__ = ["shapley", "sharing_out"]
-
 SAME_MOTIONS = "both sequences with optimal motions (as in Table 2)"
 FAST_MOTIONS = "old sequence at full speed along its paths, new one with optimal motions"
 

@@ -15,8 +15,6 @@ from dmoc.trajectory import JointPath, JointTrajectory
 from sequencing.studies.stud_welding_model import Model, travels
 from sequencing.studies.stud_welding_types import Use
 
-__all__ = ["at_full_speed", "cycle_use", "full_speed_cost", "trajectories_of"]
-
 SAMPLES_PER_INTERVAL = 4
 PATH_POINTS = 61
 

@@ -18,8 +18,6 @@ from dmoc.trajectory import JointTrajectory
 from dmoc.trapezoid import trapezoid_motion
 from planning.world import CollisionWorld
 
-__all__ = ["CLASSES", "Move", "movej", "paper_moves", "random_moves"]
-
 CLASSES = ("A", "B", "C", "D")
 
 #: What URScript's movej takes when nothing is given [rad/s²].

@@ -17,8 +17,6 @@ from sequencing.studies.ur3_case import Setting
 from sequencing.studies.ur3_moves import Move
 from sequencing.studies.ur3_world import touches
 
-__all__ = ["free_form"]
-
 
 def free_form(
     move: Move, best: BezierResult, setting: Setting, num_intervals: int = 40

@@ -14,8 +14,6 @@ from dmoc.trajectory import JointTrajectory
 from planning.shapes import Body, Shape
 from planning.world import CollisionWorld, world_for
 
-__all__ = ["avoid_in", "box", "forbidden_in", "tabletop_world", "touches"]
-
 #: Curves in a search keep this distance at their samples [m].
 SEARCH_CLEARANCE_M = 0.005
 

@@ -20,8 +20,6 @@ from sequencing.timing.loads import with_loads
 from sequencing.timing.run_robot import robot_from_run
 from sequencing.timing.trajectory_files import read_trajectories
 
-__all__ = ["Cell", "CellRobot", "load_cell"]
-
 
 def load_cell(path: str | Path) -> Cell:
     """Read cell.yaml and everything it names. Raises `InputError` with all faults at once."""

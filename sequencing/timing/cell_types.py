@@ -13,8 +13,6 @@ from dmoc.trajectory import JointTrajectory
 from planning.shapes import Body
 from sequencing.timing.dc_link import LinkParams
 
-__all__ = ["Cell", "CellRobot"]
-
 
 @dataclass(frozen=True, eq=False)
 class CellRobot:

@@ -16,8 +16,6 @@ import numpy as np
 
 from sequencing.timing.coordination import CoordinationMap
 
-__all__ = ["Crossings", "PairMaps"]
-
 FREE, UNKNOWN = -1, -2
 
 

@@ -30,8 +30,6 @@ import numpy as np
 
 from dmoc.errors import Fault, InputError
 
-__all__ = ["LinkParams", "LinkRun", "energy_price", "simulate_clip", "simulate_hysteresis"]
-
 
 @dataclass(frozen=True)
 class LinkParams:

@@ -14,8 +14,6 @@ import numpy as np
 
 from sequencing.run_archive import write_atomic
 
-__all__ = ["write_joined_cell"]
-
 
 def write_joined_cell(
     folder: Path | str,

@@ -14,8 +14,6 @@ from itertools import product
 import numba
 import numpy as np
 
-__all__ = ["band", "least_times", "moves_of", "needs_of"]
-
 Point = tuple[int, ...]
 Moves = dict[Point, list[tuple[Point, float]]]
 

@@ -13,8 +13,6 @@ from dmoc.yaml_file import Refuse
 from sequencing.timing.cell_file import LoadEntry
 from sequencing.timing.cell_types import CellRobot
 
-__all__ = ["with_loads"]
-
 
 def with_loads(robot: CellRobot, loads: Sequence[LoadEntry], refuse: Refuse) -> CellRobot:
     """`robot` with the payloads and wrenches of `loads`; later entries override earlier ones."""

@@ -6,8 +6,6 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-__all__ = ["boxes_overlap"]
-
 
 @numba.njit(cache=True)
 def boxes_overlap(first, half_a, second, half_b, offset):

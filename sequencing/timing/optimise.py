@@ -20,8 +20,6 @@ from dmoc.swarm import SwarmParams, minimise
 from sequencing.timing.slack import SlackGraph, decode, decode_batch, pull_back
 from sequencing.timing.timeline import CellTimeline, coarser, cost_and_gradient, cost_batch
 
-__all__ = ["DEFAULT_SEARCH", "FreeCheck", "SearchParams", "TimingResult", "optimise_timing"]
-
 FreeCheck = Callable[[np.ndarray], np.ndarray]
 """(P, 2, S) starts and overrides -> (P,) True where the schedule is free of collisions."""
 

@@ -20,8 +20,6 @@ import numpy as np
 from dmoc.errors import Fault, ProblemError
 from sequencing.timing.lattice import band, least_times, moves_of, needs_of
 
-__all__ = ["Alignment", "align", "order_exact", "order_search"]
-
 Handover = tuple[tuple[int, int], tuple[int, int]]
 WindowCost = Callable[[tuple[int, ...], tuple[int, ...]], float]
 """Energy [J] of a window; `state` counts what each robot has done, `move` (0 or 1) who runs now."""

@@ -29,17 +29,6 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from sequencing.timing.power_kernel import exact_kernel
 
-__all__ = [
-    "PathPower",
-    "PowerTable",
-    "drive_of",
-    "exact_power_w",
-    "exact_table",
-    "path_power",
-    "path_torque_nm",
-    "power_table",
-]
-
 MIN_OVERRIDE = 0.05
 _DEGREE = 4
 

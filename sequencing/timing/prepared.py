@@ -30,8 +30,6 @@ from sequencing.timing.path_power import (
 from sequencing.timing.swept import SweptPath, swept_path
 from sequencing.timing.timeline import CellTimeline, drawn_j, make_timeline
 
-__all__ = ["Evaluation", "Geometry", "PreparedCell", "prepare_cell"]
-
 
 @dataclass(frozen=True, eq=False)
 class PreparedCell:

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import numba
 
-__all__ = ["block_motion", "num_levels", "push_quarters"]
-
 
 @numba.njit(cache=True)
 def num_levels(cells):

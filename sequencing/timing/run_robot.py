@@ -19,8 +19,6 @@ from sequencing.run_station import station_of
 from sequencing.timing.cell_file import CellRobotEntry
 from sequencing.timing.cell_types import CellRobot
 
-__all__ = ["robot_from_run"]
-
 
 def robot_from_run(build: InputFaults, entry: CellRobotEntry, k: int) -> CellRobot | None:
     """Robot, motions, weld times, tool and fixtures of a run, moved to the cell's base."""

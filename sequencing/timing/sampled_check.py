@@ -24,8 +24,6 @@ from sequencing.timing.cell_types import CellRobot
 from sequencing.timing.obb import boxes_overlap
 from sequencing.timing.segment_distance import segment_distance
 
-__all__ = ["BROAD", "NARROW", "SampledCheck"]
-
 BROAD = ("ssap", "aabb_tree", "obb", "capsules", "none")
 NARROW = ("gjk", "gjk_nesterov", "bvh")
 

@@ -6,8 +6,6 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-__all__ = ["segment_distance", "segment_distances"]
-
 
 @numba.njit(cache=True)
 def segment_distance(first, second):

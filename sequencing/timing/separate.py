@@ -8,8 +8,6 @@ from sequencing.timing.prepared import Geometry, PreparedCell
 from sequencing.timing.slack import SlackGraph, slack_graph
 from sequencing.timing.strategies import Timing
 
-__all__ = ["separated_timing"]
-
 
 def separated_timing(
     prepared: PreparedCell, geometry: Geometry, fast: Timing, rounds: int = 4000

@@ -27,8 +27,6 @@ from dmoc.errors import Fault, ProblemError
 from sequencing.timing.cell_types import in_order, predecessors
 from sequencing.timing.path_power import MIN_OVERRIDE
 
-__all__ = ["SlackGraph", "decode", "decode_batch", "encode", "pull_back", "slack_graph"]
-
 
 @dataclass(frozen=True, eq=False)
 class SlackGraph:

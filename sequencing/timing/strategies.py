@@ -21,12 +21,6 @@ from sequencing.timing.path_power import MIN_OVERRIDE
 from sequencing.timing.prepared import Geometry, PreparedCell
 from sequencing.timing.slack import SlackGraph, decode, encode, slack_graph
 
-__all__ = [
-    "Timing", "Windows", "fast_timing", "general_timing", "make_windows", "owners",
-    "standing_of", "stretched_timing", "window_graph", "window_result", "window_timing",
-]  # fmt: skip
-
-
 _SWARM_VARIABLES = 40  # more, and a swarm finds nothing in reasonable time
 
 

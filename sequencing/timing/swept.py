@@ -22,8 +22,6 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from sequencing.timing.arm_shapes import ArmShapes, joint_axis, joint_frames
 
-__all__ = ["SweptPath", "joint_travel", "reaches", "swept_path"]
-
 
 @dataclass(frozen=True, eq=False)
 class SweptPath:

@@ -28,16 +28,6 @@ from sequencing.timing.timeline_kernels import (
     gradient_kernel,
 )
 
-__all__ = [
-    "CellTimeline",
-    "coarser",
-    "cost",
-    "cost_and_gradient",
-    "cost_batch",
-    "drawn_j",
-    "make_timeline",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class CellTimeline:

@@ -16,8 +16,6 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from dmoc.trapezoid import trapezoid_motion
 
-__all__ = ["FolderMotions", "read_trajectories"]
-
 
 @dataclass(frozen=True, eq=False)
 class FolderMotions:

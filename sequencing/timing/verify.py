@@ -23,8 +23,6 @@ from sequencing.timing.cell_types import Cell
 from sequencing.timing.segment_distance import segment_distances
 from sequencing.timing.swept import joint_travel, reaches
 
-__all__ = ["Contact", "check_fixtures", "check_obstacles", "check_schedule"]
-
 _SHORTEST_S = 2e-4
 
 
