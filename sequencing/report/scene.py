@@ -36,18 +36,19 @@ def write_scene(station: Station, line: CycleTimeline, path: Path, title: str = 
     return path
 
 
-def scene_html(
-    station: Station, line: CycleTimeline, title: str = "", frames_per_s: float = 25.0,
-    max_frames: int = 4000,
-) -> str:  # fmt: skip
+FRAMES_PER_S = 25.0
+MOST_FRAMES = 4000
+
+
+def scene_html(station: Station, line: CycleTimeline, title: str = "") -> str:
     """A page that plays the cycle in real time and in true size; it needs no network.
 
     Robot links from the URDF, tool bodies on the flange, obstacles with their own meshes, studs
     coloured in the order of welding with their normals, and the path of the tool tip. The picture
-    rate is lowered where a cycle would need more than `max_frames`.
+    rate is lowered where a cycle would need more than `MOST_FRAMES`.
     """
     title = title or station.name
-    times = frame_times(line.duration_s, frames_per_s, max_frames)
+    times = frame_times(line.duration_s, FRAMES_PER_S, MOST_FRAMES)
     # viser announces its server on standard output, which belongs to the command's answer.
     with contextlib.redirect_stdout(io.StringIO()), _server() as server:
         scene = server.scene
@@ -76,10 +77,10 @@ def _server() -> Iterator[Any]:
         server.stop()
 
 
-def _draw_triangles(scene: Any, path: str, item: Triangles, opacity: float | None = None) -> None:
+def _draw_triangles(scene: Any, path: str, item: Triangles) -> None:
     scene.add_mesh_simple(
         path, item.vertices_m.astype(np.float32), item.faces.astype(np.uint32),
-        color=item.colour, flat_shading=True, side="double", opacity=opacity,
+        color=item.colour, flat_shading=True, side="double",
     )  # fmt: skip
 
 

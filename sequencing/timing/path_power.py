@@ -196,10 +196,10 @@ def drive_rows(drive: DriveParams) -> np.ndarray:
     )  # fmt: skip
 
 
-def power_table(path: PathPower, min_override: float = MIN_OVERRIDE) -> PowerTable:
-    """Integrate the quartic that meets `exact_power_w` at five overrides in [min_override, 1]."""
+def power_table(path: PathPower) -> PowerTable:
+    """Integrate the quartic that meets `exact_power_w` at five overrides in [MIN_OVERRIDE, 1]."""
     k = np.arange(_DEGREE + 1)
-    nodes = 0.5 * (1 + min_override) + 0.5 * (1 - min_override) * np.cos(
+    nodes = 0.5 * (1 + MIN_OVERRIDE) + 0.5 * (1 - MIN_OVERRIDE) * np.cos(
         np.pi * (2 * k + 1) / (2 * (_DEGREE + 1))
     )
     powers = np.array([exact_power_w(path, delta) for delta in nodes])

@@ -151,10 +151,10 @@ def _standing_table(power_w: float, length_s: float) -> PowerTable:
     return PowerTable(length_s, 0.5 * length_s, coefficients, power_w, power_w)
 
 
-def prepare_cell(cell: Cell, cell_s: float = 0.004) -> PreparedCell:
+def prepare_cell(cell: Cell) -> PreparedCell:
     """Inverse dynamics once along every path of the cell."""
     paths = tuple(
-        path_power(loaded, trajectory, cell_s, wrench)
+        path_power(loaded, trajectory, 0.004, wrench)
         for robot in cell.robots
         for loaded, trajectory, wrench in zip(robot.loaded, robot.trajectories, robot.wrench)
     )

@@ -142,24 +142,24 @@ def check_schedule(
     return found
 
 
-def check_obstacles(cell: Cell, clearance_m: float = 0.0) -> list[Contact]:
+def check_obstacles(cell: Cell) -> list[Contact]:
     """Contacts of each robot's paths with the obstacles, at full speed; time does not matter.
 
     Solids that never move (bases, which stand on the floor) are left out.
     """
-    return _against(cell, [tuple(cell.obstacles)] * len(cell.robots), clearance_m)
+    return _against(cell, [tuple(cell.obstacles)] * len(cell.robots))
 
 
-def check_fixtures(cell: Cell, clearance_m: float = 0.0) -> list[Contact]:
+def check_fixtures(cell: Cell) -> list[Contact]:
     """Contacts of each robot's paths with part and fixtures of the other robots' stations."""
     scenes = [
         tuple(body for s, other in enumerate(cell.robots) if s != r for body in other.fixtures)
         for r in range(len(cell.robots))
     ]
-    return _against(cell, scenes, clearance_m)
+    return _against(cell, scenes)
 
 
-def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]], clearance_m: float) -> list[Contact]:
+def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]]) -> list[Contact]:
     found: list[Contact] = []
     for item, bodies in zip(cell.robots, scenes):
         if not bodies:
@@ -172,7 +172,7 @@ def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]], clearance_m: float)
         actor.override = np.ones(len(lengths))
         times = sorted({0.0, *actor.events()})
         scene = _Actor("obstacles", None, body_shapes(bodies))
-        found += _between(actor, scene, times, clearance_m, 1000)
+        found += _between(actor, scene, times, 0.0, 1000)
     return found
 
 
