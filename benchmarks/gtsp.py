@@ -102,15 +102,12 @@ def peers(instances: list, seconds: float) -> list[dict]:
 
 
 def methods(instances: list, seeds: int) -> list[dict]:
-    """The heuristic's parts on the same CPU budget: that of the default for a number of iterations.
-
-    The memetic with local search counts offspring, so its budget is scaled by a first run.
-    """
+    """The heuristic's parts on the same CPU budget: that of the default for given iterations."""
     rows = []
     for group, best, problem in instances:
         for iterations in (100 * problem.num_clusters, 1000 * problem.num_clusters):
             target = timed(problem, "heuristic", iterations, 0)[1]
-            for method in ("heuristic", "ruin-recreate", "memetic"):
+            for method in ("heuristic", "ruin-recreate"):
                 fit = max(2000, iterations)
                 for _ in range(3):
                     fit = int(fit * target / max(timed(problem, method, fit, 0)[1], 1e-4)) + 1000

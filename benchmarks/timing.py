@@ -272,10 +272,7 @@ class ExactPlacer:
 
 def window_joints_at(trajectory: JointTrajectory, s: np.ndarray) -> np.ndarray:
     """Joint vectors (K, n) at path times s (K,)."""
-    bare = JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    )
-    return bare.sample(s + bare.t_s[0]).q_rad
+    return trajectory.on(None).sample(s + trajectory.t_s[0]).q_rad
 
 
 def conflicted(prepared, windows) -> int:

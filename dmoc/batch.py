@@ -8,7 +8,6 @@ from concurrent.futures import Executor
 from dmoc.motion import Motion, MotionProblem
 from dmoc.nlp_types import DEFAULT_PARAMS, SolveParams
 from dmoc.solver import solve
-from dmoc.trajectory import JointTrajectory
 
 __all__ = ["solve_many"]
 
@@ -53,13 +52,11 @@ def _without_robot(motion: Motion) -> Motion:
     t = motion.trajectory
     if t is None:
         return motion
-    bare = JointTrajectory(t.t_s, t.q_rad, t.velocity_rad_s, t.torque_nm)
-    return motion.replace(trajectory=bare)
+    return motion.replace(trajectory=t.on(None))
 
 
 def _with_robot(problem: MotionProblem, motion: Motion) -> Motion:
     t = motion.trajectory
     if t is None:
         return motion
-    full = JointTrajectory(t.t_s, t.q_rad, t.velocity_rad_s, t.torque_nm, problem.robot)
-    return motion.replace(trajectory=full)
+    return motion.replace(trajectory=t.on(problem.robot))

@@ -105,10 +105,7 @@ def simulate_tracking(
     out, w = [q], TRACKING_RAD_S
     share = np.arange(SUBSTEPS) / SUBSTEPS
     times = trajectory.t_s[:-1, None] + np.diff(trajectory.t_s)[:, None] * share
-    plain = JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    )
-    wanted = plain.sample(times.ravel())
+    wanted = trajectory.on(None).sample(times.ravel())
     for i in range(len(times.ravel())):
         k = i // SUBSTEPS
         step = (trajectory.t_s[k + 1] - trajectory.t_s[k]) / SUBSTEPS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -100,6 +100,10 @@ class JointTrajectory:
         if self.robot is not None:
             torque = inverse_dynamics(self.robot.model, q, v, a)
         return Sample(q, v, a, torque)
+
+    def on(self, robot: Robot | None) -> JointTrajectory:
+        """The same knots with `robot` for the torques along them; None samples without torques."""
+        return self if self.robot is robot else replace(self, robot=robot)
 
     def reversed(self) -> JointTrajectory:
         """The same curve run backwards; torques stay (no friction)."""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import yaml
 
 from dmoc.errors import DmocError, Fault, InputError
 
-__all__ = ["FieldPath", "YamlTree", "field_name", "read_yaml"]
+__all__ = ["FieldPath", "InputFaults", "Refuse", "YamlTree", "field_name", "read_yaml"]
 
+T = TypeVar("T")
 FieldPath = tuple[str | int, ...]
 _MOST_BYTES = 5_000_000
 _MOST_DEPTH = 40
@@ -56,6 +59,44 @@ def field_name(path: FieldPath) -> str:
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
     return text
+
+
+class Refuse(Protocol):
+    """Records a fault of a field (the last arguments lead further into it)."""
+
+    def __call__(self, code: str, value: str, legal: str, fix: str, *more: str | int) -> None: ...
+
+
+class InputFaults:
+    """The faults of one file, collected so that none hides another, each with its line."""
+
+    def __init__(self, file: Path, tree: YamlTree) -> None:
+        self.file, self.tree = file, tree
+        self.folder = file.resolve().parent
+        self.faults: list[Fault] = []
+
+    def refuse(self, field: FieldPath) -> Refuse:
+        """A function that records a fault of `field`."""
+
+        def record(code: str, value: str, legal: str, fix: str, *more: str | int) -> None:
+            place = (*field, *more)
+            self.faults.append(
+                Fault(code, str(self.file), field_name(place), value[:200], legal, fix,
+                      self.tree.line(place))
+            )  # fmt: skip
+
+        return record
+
+    def attempt(self, field: FieldPath, make: Callable[[], T]) -> T | None:
+        """`make()`, or None with its faults recorded at `field`."""
+        try:
+            return make()
+        except DmocError as error:
+            for fault in error.faults:
+                if fault.line is None and fault.file in ("", str(self.file)):
+                    fault = replace(fault, file=str(self.file), line=self.tree.line(field))
+                self.faults.append(replace(fault, field=fault.field or field_name(field)))
+            return None
 
 
 def read_yaml(path: Path, error_type: type[DmocError] = InputError) -> YamlTree:

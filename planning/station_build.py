@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,16 +12,16 @@ from pydantic import TypeAdapter, ValidationError
 
 from dmoc.arrays import Array, readonly
 from dmoc.cost import Cost
-from dmoc.errors import DmocError, Fault, InputError
+from dmoc.errors import Fault, InputError
 from dmoc.paths import confined
 from dmoc.robot import Robot
-from dmoc.yaml_file import FieldPath, YamlTree, field_name, read_yaml
+from dmoc.yaml_file import FieldPath, InputFaults, read_yaml
 from planning.nearest import body_distance_m
 from planning.shapes import Body
 from planning.srdf import read_srdf
 from planning.station import Station
 from planning.station_file import ObstacleEntry, RobotEntry, StationFile, ToolEntry, faults_of
-from planning.station_parts import Refuse, build_obstacle, build_robot, build_tool
+from planning.station_parts import build_obstacle, build_robot, build_tool
 from planning.studs import Departure, Stud, read_studs
 
 __all__ = ["build_station"]
@@ -39,13 +39,13 @@ def build_station(path: Path) -> Station:
             Fault("yaml-mapping", file=str(path), line=1, value=type(tree.data).__name__,
                   legal="a mapping with the fields of the schema", fix="see docs/station-file.md")
         )  # fmt: skip
-    faults: list[Fault] = []
+    sections = _Sections(path, tree)
+    faults = sections.faults
     entry: StationFile | None = None
     try:
         entry = StationFile.model_validate(tree.data)
     except ValidationError as error:
         faults += faults_of(error, tree, str(path))
-    sections = _Sections(path, tree, faults)
     robot = sections.robot()
     tool = sections.tool()
     obstacles = sections.obstacles()
@@ -78,23 +78,8 @@ def build_station(path: Path) -> Station:
     return station.replace()
 
 
-class _Sections:
+class _Sections(InputFaults):
     """Builds each section that is valid by itself, so that one bad field hides no other."""
-
-    def __init__(self, path: Path, tree: YamlTree, faults: list[Fault]) -> None:
-        self.path, self.tree, self.faults = path, tree, faults
-        self.folder = path.resolve().parent
-
-    def refuse(self, field: FieldPath) -> Refuse:
-        """A function that records a fault of `field`."""
-
-        def record(code: str, value: str, legal: str, fix: str, *more: str | int) -> None:
-            self.faults.append(
-                Fault(code, file=str(self.path), line=self.tree.line((*field, *more)),
-                      field=field_name((*field, *more)), value=value[:200], legal=legal, fix=fix)
-            )  # fmt: skip
-
-        return record
 
     def _valid(self, kind: type[T], value: Any) -> T | None:
         try:
@@ -102,31 +87,19 @@ class _Sections:
         except ValidationError:
             return None  # already reported with the whole file
 
-    def _try(self, field: FieldPath, build: Callable[[], T]) -> T | None:
-        try:
-            return build()
-        except DmocError as error:
-            for fault in error.faults:
-                if fault.line is None and fault.file in ("", str(self.path)):
-                    name = fault.field or field_name(field)
-                    fault = Fault(fault.code, str(self.path), name, fault.value, fault.legal,
-                                  fault.fix, self.tree.line(field))  # fmt: skip
-                self.faults.append(fault)
-            return None
-
     def robot(self) -> Robot | None:
         entry = self._valid(RobotEntry, self.tree.data.get("robot"))
         if entry is None:
             return None
         field: FieldPath = ("robot",)
-        return self._try(field, lambda: build_robot(entry, self.folder, self.refuse(field)))
+        return self.attempt(field, lambda: build_robot(entry, self.folder, self.refuse(field)))
 
     def tool(self) -> tuple[tuple[Body, ...], Any] | None:
         entry = self._valid(ToolEntry, self.tree.data.get("tool"))
         if entry is None:
             return None
         field: FieldPath = ("tool",)
-        return self._try(field, lambda: build_tool(entry, self.folder, self.refuse(field)))
+        return self.attempt(field, lambda: build_tool(entry, self.folder, self.refuse(field)))
 
     def obstacles(self) -> tuple[Body, ...]:
         values = self.tree.data.get("obstacles", [])
@@ -139,17 +112,19 @@ class _Sections:
         return tuple(body for body in bodies if body is not None)
 
     def _obstacle(self, entry: ObstacleEntry, field: FieldPath) -> Body | None:
-        return self._try(field, lambda: build_obstacle(entry, self.folder, self.refuse(field)))
+        return self.attempt(field, lambda: build_obstacle(entry, self.folder, self.refuse(field)))
 
     def studs(self) -> tuple[Stud, ...]:
         name = self.tree.data.get("studs")
         if not isinstance(name, str):
             return ()
-        file = self._try(("studs",), lambda: confined(name, self.folder, str(self.path), "studs"))
+        file = self.attempt(
+            ("studs",), lambda: confined(name, self.folder, str(self.file), "studs")
+        )
         if file is None:
             return ()
         departure = self._departure()
-        return self._try(("studs",), lambda: read_studs(file, departure)) or ()
+        return self.attempt(("studs",), lambda: read_studs(file, departure)) or ()
 
     def srdf(
         self, entry: StationFile, known: set[str], links: set[str]
@@ -158,10 +133,10 @@ class _Sections:
         name, field = entry.srdf, ("srdf",)
         if name is None:
             return ()
-        file = self._try(field, lambda: confined(name, self.folder, str(self.path), "srdf"))
+        file = self.attempt(field, lambda: confined(name, self.folder, str(self.file), "srdf"))
         if file is None:
             return ()
-        return self._try(field, lambda: read_srdf(file, known, links)) or ()
+        return self.attempt(field, lambda: read_srdf(file, known, links)) or ()
 
     def _departure(self) -> Departure:
         from planning.station_file import DepartureEntry

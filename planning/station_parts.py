@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +10,7 @@ import pinocchio as pin
 from dmoc.arrays import Array
 from dmoc.paths import confined
 from dmoc.robot import Robot, Tool, available_robots, load_robot
+from dmoc.yaml_file import Refuse
 from planning.convex import cover_gap_m, read_pieces, sample_surface
 from planning.decompose import split_by_plane
 from planning.mesh_gate import UNITS, Mesh, load_mesh
@@ -18,16 +18,10 @@ from planning.piece_cache import cached_pieces
 from planning.shapes import Body, Shape, pose_matrix
 from planning.station_file import ObstacleEntry, PoseEntry, RobotEntry, ShapeEntry, ToolEntry
 
-__all__ = ["COVER_TOLERANCE_M", "Refuse", "build_obstacle", "build_robot", "build_tool"]
+__all__ = ["COVER_TOLERANCE_M", "build_obstacle", "build_robot", "build_tool"]
 
 #: Declared padding of pieces: no sampled point of a mesh may lie further outside them [m].
 COVER_TOLERANCE_M = 1e-4
-
-
-class Refuse(Protocol):
-    """Records a fault of a field (the last arguments lead further into it)."""
-
-    def __call__(self, code: str, value: str, legal: str, fix: str, *more: str | int) -> None: ...
 
 
 def _pose(entry: PoseEntry, refuse: Refuse, *field: str) -> Array:

@@ -18,8 +18,6 @@ from sequencing.edges import StationEdges
 from sequencing.estimates import travel_time
 from sequencing.nodes import StationNodes
 
-__all__ = ["TimedSequence", "middle_place", "time_based_sequences", "time_costs", "undirected"]
-
 # Perturbation that chooses among tied sequences; far below any difference that matters.
 TIE_BREAK = 1e-7
 TIE_TOLERANCE = 1e-5

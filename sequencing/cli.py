@@ -1,65 +1,99 @@
 """The `dmoc` command: parses arguments, runs one command, and turns faults into exit codes.
 
 Exit 0 done, 2 bad input (coded errors, no traceback), 3 no solution (with reasons), 130
-interrupted (finished work is kept).
+interrupted (finished work is kept). Every command takes --seed, --out and --json: one that has
+no use for a seed accepts it all the same.
 """
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from dmoc.errors import DmocError, Fault
-from sequencing.commands.console import Console, Outcome
+from sequencing.commands.console import CommandResult, Console
 
 # The base of all usage errors: typer carries its own copy of click and exports only subclasses.
 USAGE_ERROR: Any = next(c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException")
 
 app = typer.Typer(
-    name="dmoc", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    name="dmoc",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    # Rich's own markup takes a unit in square brackets for a style and drops it.
+    rich_markup_mode="markdown",
     help="Order, configurations and energy-efficient collision-free motions of robot stations.",
-)  # fmt: skip
+)
 
-Seed = Annotated[int, typer.Option(help="Seed of every random choice.")]
-Json = Annotated[
+SeedOption = Annotated[int, typer.Option(help="Seed of every random choice.")]
+OutOption = Annotated[Path | None, typer.Option(help="Folder of the results.")]
+JsonOption = Annotated[
     bool, typer.Option("--json", help="One JSON object on stdout, the rest on stderr.")
 ]
-Out = Annotated[Path | None, typer.Option(help="Folder of the results.")]
-Workers = Annotated[int, typer.Option(help="Processes; 0 takes the number of cores.", min=0)]
-Method = Annotated[str, typer.Option(help="Collision avoidance: halfspaces or boxes.")]
-Polish = Annotated[
+WorkersOption = Annotated[int, typer.Option(help="Processes; 0 takes the number of cores.", min=0)]
+MethodOption = Annotated[str, typer.Option(help="Collision avoidance: halfspaces or boxes.")]
+PolishOption = Annotated[
     bool, typer.Option("--polish", help="Turn the tools continuously once the order is found.")
 ]
+StationArgument = Annotated[
+    str, typer.Argument(help="station.yaml, its folder, or the name of an embedded one.")
+]
+RunArgument = Annotated[Path, typer.Argument(help="Folder of a finished run.")]
+COMMON = {"seed": (SeedOption, 0), "out": (OutOption, None), "json": (JsonOption, False)}
 
 
-@app.command()
+def command(function: Callable[..., CommandResult]) -> Callable[..., CommandResult]:
+    """Register `function(console, …)` under its name, with the options that all commands have."""
+    signature = inspect.signature(function, eval_str=True)
+    own = [p for name, p in signature.parameters.items() if name not in ("console", *COMMON)]
+    common = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        for name, (kind, default) in COMMON.items()
+    ]
+
+    def run(json: bool, **given: Any) -> None:
+        wanted = {name: value for name, value in given.items() if name in signature.parameters}
+        _finish(Console(json=json), function, wanted)
+
+    run.__name__, run.__doc__ = function.__name__, function.__doc__
+    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + common
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in parameters}
+    app.command()(run)
+    return function
+
+
+@command
 def demo(
-    seed: Seed = 0,
-    out: Out = None,
-    json: Json = False,
-    workers: Workers = 0,
-    method: Method = "halfspaces",
-    polish: Polish = False,
-) -> None:
+    console: Console,
+    seed: int,
+    out: Path | None,
+    workers: WorkersOption = 0,
+    method: MethodOption = "halfspaces",
+    polish: PolishOption = False,
+) -> CommandResult:
     """Plan the embedded eight-stud station, from station.yaml to scene.html."""
     from sequencing.commands.plan import run_demo
 
-    _finish(json, lambda console: run_demo(console, seed, out, workers, method, polish))
+    return run_demo(console, seed, out, workers, method, polish)
 
 
-@app.command()
+@command
 def plan(
-    station: Annotated[str, typer.Argument(help="station.yaml, or the name of an embedded one.")],
-    seed: Seed = 0,
-    out: Out = None,
-    json: Json = False,
-    workers: Workers = 0,
-    method: Method = "halfspaces",
+    console: Console,
+    station: StationArgument,
+    seed: int,
+    out: Path | None,
+    workers: WorkersOption = 0,
+    method: MethodOption = "halfspaces",
     max_evaluations: Annotated[
         int | None, typer.Option(help="Stop after this many solved edges.", min=1)
     ] = None,
@@ -72,87 +106,90 @@ def plan(
             help="Random edges held out to judge the estimate: 200, or 99 below 10 studs.", min=1
         ),
     ] = None,
-    polish: Polish = False,
-) -> None:
+    polish: PolishOption = False,
+) -> CommandResult:
     """Plan a station: order, configurations, certified motions, tables and scene."""
     from sequencing.commands.plan import run_plan
 
-    _finish(
-        json,
-        lambda console: run_plan(
-            console,
-            station,
-            seed,
-            out,
-            workers,
-            method,
-            max_evaluations,
-            target_gap / 100.0,
-            polish,
-            coverage,
-        ),
+    return run_plan(
+        console,
+        station,
+        seed=seed,
+        out=out,
+        workers=workers,
+        method=method,
+        max_evaluations=max_evaluations,
+        conditional_gap=target_gap / 100.0,
+        polish=polish,
+        coverage=coverage,
     )
 
 
-@app.command()
+@command
 def check(
-    station: Annotated[str, typer.Argument(help="station.yaml, or the name of an embedded one.")],
-    json: Json = False,
-    seed: Seed = 0,
-    out: Out = None,
+    console: Console,
+    station: StationArgument,
+    out: Path | None,
     engines: Annotated[
         bool, typer.Option("--engines", help="Compare the collision engines; > 1 mm is a warning.")
     ] = False,
-) -> None:
+) -> CommandResult:
     """Read a station and count the alternatives of every stud, or say why there are none."""
     from sequencing.commands.check import run_check
 
-    del seed  # nothing in a check is random; the option exists because every command takes it
-    _finish(json, lambda console: run_check(console, station, out, engines))
+    return run_check(console, station, out, engines)
 
 
-@app.command()
+@command
 def init(
+    console: Console,
     urdf: Annotated[Path, typer.Argument(help="Robot (URDF).")],
     part: Annotated[Path, typer.Argument(help="Part mesh (STL, OBJ or GLB).")],
     studs: Annotated[Path, typer.Argument(help="Studs (CSV).")],
-    out: Out = None,
+    out: Path | None,
     unit: Annotated[str, typer.Option(help="Unit of the mesh: m or mm.")] = "m",
-    json: Json = False,
-    seed: Seed = 0,
-) -> None:
+) -> CommandResult:
     """Write a commented station.yaml from a robot, a part and studs."""
     from sequencing.commands.check import run_init
 
-    del seed
-    _finish(json, lambda console: run_init(console, urdf, part, studs, out, unit))
+    return run_init(console, urdf, part, studs, out, unit)
 
 
-@app.command()
+@command
 def place(
-    station: Annotated[str, typer.Argument(help="station.yaml, its folder, or an embedded name.")],
+    console: Console,
+    station: StationArgument,
+    seed: int,
+    out: Path | None,
     span: Annotated[float, typer.Option(help="How far the base may be shifted [m].")] = 0.4,
     step: Annotated[float, typer.Option(help="Step of the grid [m].")] = 0.2,
     yaw: Annotated[float, typer.Option(help="How far the base may be turned [°].")] = 0.0,
     yaw_step: Annotated[float, typer.Option(help="Step of the turns [°].")] = 15.0,
-    seed: Seed = 0,
-    out: Out = None,
-    workers: Workers = 0,
-    json: Json = False,
-) -> None:
+    workers: WorkersOption = 0,
+) -> CommandResult:
     """Where the robot would stand better: reach and estimated cost on a grid of places."""
     from sequencing.commands.place import run_place
 
-    _finish(
-        json,
-        lambda console: run_place(console, station, span, step, yaw, yaw_step, seed, out, workers),
+    return run_place(
+        console,
+        station,
+        span_m=span,
+        step_m=step,
+        yaw_deg=yaw,
+        yaw_step_deg=yaw_step,
+        seed=seed,
+        out=out,
+        workers=workers,
     )
 
 
-@app.command()
+@command
 def solve(
+    console: Console,
     start: Annotated[str, typer.Option(help="Joint vector a,b,… [rad].")],
     goal: Annotated[str, typer.Option(help="Joint vector a,b,… [rad].")],
+    seed: int,
+    out: Path | None,
     robot: Annotated[str, typer.Option(help="Name of a robot, or a URDF.")] = "ur10e_class",
     intervals: Annotated[int, typer.Option(help="N, number of intervals.", min=2)] = 40,
     duration: Annotated[float | None, typer.Option(help="Fixed duration [s].")] = None,
@@ -161,143 +198,132 @@ def solve(
     velocity_weight: Annotated[float, typer.Option(help="c_v.", min=0.0)] = 1.0,
     smoothing: Annotated[float, typer.Option(help="Torque smoothing.", min=0.0)] = 1e-2,
     payload: Annotated[float, typer.Option(help="Payload at the flange [kg].", min=0.0)] = 0.0,
-    seed: Seed = 0,
-    out: Out = None,
-    json: Json = False,
-) -> None:
+) -> CommandResult:
     """One optimal motion between two joint vectors, without obstacles."""
     from sequencing.commands.solve import run_solve
 
-    weights = (time_weight, effort_weight, velocity_weight, smoothing)
-    _finish(
-        json,
-        lambda console: run_solve(
-            console, robot, start, goal, intervals, duration, weights, payload, seed, out
-        ),
+    return run_solve(
+        console,
+        robot,
+        start,
+        goal,
+        intervals=intervals,
+        duration=duration,
+        weights=(time_weight, effort_weight, velocity_weight, smoothing),
+        payload=payload,
+        seed=seed,
+        out=out,
     )
 
 
-@app.command()
+@command
 def gtsp(
+    console: Console,
     file: Annotated[Path, typer.Argument(help="Instance in the .gtsp format.")],
-    seed: Seed = 0,
+    seed: int,
+    out: Path | None,
     exact: Annotated[bool, typer.Option("--exact", help="Prove the optimum.")] = False,
     effort: Annotated[str, typer.Option(help="quick, normal or thorough.")] = "normal",
-    out: Out = None,
-    json: Json = False,
-) -> None:
+) -> CommandResult:
     """Solve a generalised travelling salesman instance."""
     from sequencing.commands.gtsp import run_gtsp
 
-    _finish(json, lambda console: run_gtsp(console, file, seed, exact, effort, out))
+    return run_gtsp(console, file, seed, exact, effort, out)
 
 
-@app.command()
+@command
 def schedule(
+    console: Console,
     cell: Annotated[str, typer.Argument(help="cell.yaml, or the name of an embedded cell.")],
-    seed: Seed = 0,
-    out: Out = None,
-    json: Json = False,
-) -> None:
+    seed: int,
+    out: Path | None,
+) -> CommandResult:
     """Time several robots on their DC links, without collisions."""
     from sequencing.commands.schedule import run_schedule_command
 
-    _finish(json, lambda console: run_schedule_command(console, cell, seed, out))
+    return run_schedule_command(console, cell, seed, out)
 
 
-@app.command()
+@command
 def study(
+    console: Console,
     name: Annotated[str, typer.Argument(help="stud-welding, pallet-cell or ur3.")],
+    seed: int,
+    out: Path | None,
     station: Annotated[str, typer.Option(help="Station of stud-welding: A, B or C.")] = "A",
     reduced: Annotated[
         bool, typer.Option("--reduced", help="Few cases, in about a minute (stud-welding, ur3).")
     ] = False,
-    seed: Seed = 0,
-    out: Out = None,
-    workers: Workers = 0,
-    json: Json = False,
-) -> None:
+    workers: WorkersOption = 0,
+) -> CommandResult:
     """Run a published study and print its figures beside the paper's."""
     from sequencing.commands.study import run_study
 
-    _finish(json, lambda console: run_study(console, name, station, seed, out, workers, reduced))
+    return run_study(console, name, station, seed, out, workers, reduced)
 
 
-@app.command()
+@command
 def export(
-    run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
+    console: Console,
+    run: RunArgument,
+    out: Path | None,
     format: Annotated[str, typer.Option(help="csv, ros, rtde, urscript, rapid or krl.")] = "csv",
     step: Annotated[float | None, typer.Option(help="Sampling of streamed formats [s].")] = None,
-    out: Out = None,
-    json: Json = False,
-    seed: Seed = 0,
-) -> None:
+) -> CommandResult:
     """Write the motions of a run for a controller."""
     from sequencing.commands.runs import run_export
 
-    del seed
-    _finish(json, lambda console: run_export(console, run, format, step, out))
+    return run_export(console, run, format, step, out)
 
 
-@app.command()
-def view(
-    run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
-    out: Out = None,
-    json: Json = False,
-    seed: Seed = 0,
-) -> None:
+@command
+def view(console: Console, run: RunArgument, out: Path | None) -> CommandResult:
     """Write pictures, report and scene of a run again and say where they are."""
     from sequencing.commands.runs import run_view
 
-    del seed
-    _finish(json, lambda console: run_view(console, run, out))
+    return run_view(console, run, out)
 
 
-@app.command()
+@command
 def compare(
-    first: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
+    console: Console,
+    first: RunArgument,
     second: Annotated[Path, typer.Argument(help="Folder of another finished run.")],
-    out: Out = None,
-    json: Json = False,
-    seed: Seed = 0,
-) -> None:
+    out: Path | None,
+) -> CommandResult:
     """Compare the costs of two runs."""
     from sequencing.commands.runs import run_compare
 
-    del seed
-    _finish(json, lambda console: run_compare(console, first, second, out))
+    return run_compare(console, first, second, out)
 
 
-@app.command()
+@command
 def measured(
+    console: Console,
     log: Annotated[Path, typer.Argument(help="Log of a controller (CSV).")],
     run: Annotated[Path, typer.Argument(help="Folder of the run that was driven.")],
-    out: Out = None,
-    json: Json = False,
-    seed: Seed = 0,
-) -> None:
+    out: Path | None,
+) -> CommandResult:
     """Compare a controller's log with the plan: time, position, current, energy."""
     from sequencing.commands.measured import run_measured
 
-    del seed
-    _finish(json, lambda console: run_measured(console, log, run, out))
+    return run_measured(console, log, run, out)
 
 
-@app.command()
-def doctor(json: Json = False, seed: Seed = 0, out: Out = None) -> None:
+@command
+def doctor(console: Console, out: Path | None) -> CommandResult:
     """Say what is installed, which backends run, and whether a solve works."""
     from sequencing.commands.doctor import run_doctor
 
-    del seed
-    _finish(json, lambda console: run_doctor(console, out))
+    return run_doctor(console, out)
 
 
-def _finish(json: bool, command: object) -> None:
+def _finish(
+    console: Console, function: Callable[..., CommandResult], given: dict[str, Any]
+) -> None:
     """Run a command and leave with its exit code; bad input becomes coded errors and exit 2."""
-    console = Console(json=json)
-    assert callable(command)
     try:
-        outcome: Outcome = command(console)
+        outcome = function(console, **given)
     except DmocError as error:
         console.errors(error.faults)
         raise SystemExit(2) from None
@@ -307,10 +333,12 @@ def _finish(json: bool, command: object) -> None:
         raise SystemExit(130) from None
     except OSError as error:
         fault = Fault(
-            "file-access", file=str(error.filename or ""), value=error.strerror or str(error),
+            "file-access",
+            file=str(error.filename or ""),
+            value=error.strerror or str(error),
             legal="files that can be read and folders that can be written",
             fix="check --out and the paths, their permissions and the free space",
-        )  # fmt: skip
+        )
         console.errors((fault,))
         raise SystemExit(2) from None
     console.result(outcome.data)
@@ -332,9 +360,11 @@ def main() -> None:
             sys.stderr.write(error.format_message() + "\n")
             raise SystemExit(2) from None
         fault = Fault(
-            "command-line", field=" ".join(sys.argv[1:2]), value=error.format_message(),
+            "command-line",
+            field=" ".join(sys.argv[1:2]),
+            value=error.format_message(),
             fix="see `dmoc --help` and `dmoc COMMAND --help`",
-        )  # fmt: skip
+        )
         Console(json="--json" in sys.argv).errors((fault,))
         raise SystemExit(2) from None
     except (typer.Abort, KeyboardInterrupt):

@@ -39,8 +39,6 @@ from sequencing.nodes import HOME, StationNodes, station_nodes
 from sequencing.polish import polish_cycle
 from sequencing.store import EdgeStore
 
-__all__ = ["NoCycle", "PlanEvent", "PlanStop", "plan_station"]
-
 MAX_FINAL_REPAIRS = 20
 # Relative accuracy of a solved cost.
 BOUND_SLACK = 1e-6
@@ -109,7 +107,7 @@ def plan_station(
     method: Method = "halfspaces",
     stop: PlanStop | None = None,
     executor: Executor | None = None,
-    store: EdgeStore | Path | None = None,
+    store: EdgeStore | Path | str | None = None,
     progress: Progress | None = None,
     polish: bool = False,
 ) -> Cycle:
@@ -118,24 +116,19 @@ def plan_station(
     Alternatives → edge costs (bound, learned estimate, solved motions, lazily) → exact
     generalised TSP → final motions at N = 40, certified between the knots → comparison with
     sequences of least travel time. `executor` runs the edges (None: in this process); the result
-    is the same, byte for byte, whatever it is. `store` keeps solved edges for the next run.
+    is the same, byte for byte, whatever it is. `store` keeps solved edges for the next run
+    (a path is opened and closed again).
     `polish` turns the tool of every weld continuously afterwards, for the whole cycle; it never
     makes it dearer, and the gaps keep speaking of the cycle before.
 
     Raises `NoCycle` when no stud has an alternative or no cycle joins those that have one.
     """
     settings, tell = stop or PlanStop(), progress or (lambda event: None)
-    if store is None:
+    if not isinstance(store, EdgeStore):
         with (
             tempfile.TemporaryDirectory(prefix="dmoc-") as folder,
-            EdgeStore(Path(folder) / "edges.sqlite") as own,
+            EdgeStore(store or Path(folder) / "edges.sqlite") as opened,
         ):
-            return plan_station(
-                station, seed=seed, method=method, stop=stop, executor=executor, store=own,
-                progress=progress, polish=polish,
-            )  # fmt: skip
-    if isinstance(store, Path):
-        with EdgeStore(store) as opened:
             return plan_station(
                 station, seed=seed, method=method, stop=stop, executor=executor, store=opened,
                 progress=progress, polish=polish,

@@ -12,18 +12,6 @@ from dmoc.motion import Motion
 from planning.station import Station
 from sequencing.gtsp.problem import Tour
 
-__all__ = [
-    "Cycle",
-    "CycleCost",
-    "CycleMotion",
-    "Polish",
-    "Reuse",
-    "Search",
-    "StudRow",
-    "Tables",
-    "Weld",
-]
-
 
 @dataclass(frozen=True)
 class Weld:

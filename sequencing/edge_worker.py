@@ -29,8 +29,6 @@ from planning.warm_up import warm_up
 from planning.world import CollisionWorld
 from sequencing.store import decode_motion, encode_motion
 
-__all__ = ["EdgeJob", "EdgeResult", "context_fingerprint", "solve_edge", "write_context"]
-
 # Raised whenever a change of the code changes the motion that an edge gets.
 EDGE_VERSION = 6
 

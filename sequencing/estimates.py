@@ -14,8 +14,13 @@ import pinocchio as pin
 from dmoc.arrays import Array
 from dmoc.cost import Cost
 from dmoc.robot import Robot
+from planning.station import Station
+from planning.world import CollisionWorld
+from sequencing.learned import LearnedEstimate, edge_features, fit_estimate
+from sequencing.nodes import StationNodes
 
-__all__ = ["StraightLine", "quintic_quadrature", "straight_line", "travel_time"]
+# Configurations of a straight line that are asked yes or no for the estimate's obstacle share.
+LINE_SAMPLES = 6
 
 
 def travel_time(robot: Robot, start: Array, goal: Array) -> Array:
@@ -23,9 +28,9 @@ def travel_time(robot: Robot, start: Array, goal: Array) -> Array:
     return np.max(np.abs(goal - start) / robot.velocity_limit_rad_s, axis=-1)
 
 
-def quintic_quadrature(points: int = 7) -> tuple[Array, Array, Array, Array]:
-    """Weights, s, s', s'' of the quintic rest-to-rest profile at Gauss–Legendre points."""
-    nodes, weights = np.polynomial.legendre.leggauss(points)
+def quintic_quadrature() -> tuple[Array, Array, Array, Array]:
+    """Weights, s, s', s'' of the quintic rest-to-rest profile at 7 Gauss–Legendre points."""
+    nodes, weights = np.polynomial.legendre.leggauss(7)
     x = 0.5 * (nodes + 1.0)
     s = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
     first = 30.0 * x**2 * (1.0 - x) ** 2
@@ -72,3 +77,43 @@ def straight_line(robot: Robot, cost: Cost, start: Array, goal: Array) -> Straig
     duration = np.maximum(np.maximum(np.sqrt(np.maximum(squared, 0.0)), least), 1e-3)
     value = alpha * duration + beta / duration + gamma / duration**3
     return StraightLine(value, duration, alpha, beta, gamma)
+
+
+class StationEstimates:
+    """Estimates of the travels `pairs` (P, 2) of a station, a row each.
+
+    `cost` (P,) is the straight line's (`rough`) until `fit` has run, the learned one afterwards.
+    """
+
+    def __init__(
+        self, station: Station, world: CollisionWorld, nodes: StationNodes, pairs: np.ndarray
+    ) -> None:
+        assert isinstance(station.cost, Cost)
+        q = nodes.q_rad
+        self.rough = straight_line(station.robot, station.cost, q[pairs[:, 0]], q[pairs[:, 1]])
+        self.learned: LearnedEstimate | None = None
+        self.cost = self.rough.cost
+        waypoints = nodes.waypoints(pairs)
+        inner0, inner1 = waypoints[:, 1], waypoints[:, 2]
+        hits = np.zeros(len(pairs))
+        for fraction in np.linspace(0.0, 1.0, LINE_SAMPLES + 2)[1:-1]:
+            hits += world.collide_batch(inner0 + fraction * (inner1 - inner0))
+        rough = self.rough
+        parts = np.column_stack(
+            [
+                rough.cost, rough.duration_s, rough.alpha * rough.duration_s,
+                rough.gamma / rough.duration_s**3,
+            ]
+        )  # fmt: skip
+        gravity = station.robot.gravity_torque_nm(q)
+        self.features = edge_features(waypoints, gravity, pairs, parts, hits / LINE_SAMPLES)
+
+    def fit(
+        self, rows: np.ndarray, cost: Array, held_rows: np.ndarray, held_cost: Array, seed: int
+    ) -> LearnedEstimate:
+        """Learn from the solved costs of `rows`, judged by those of `held_rows`."""
+        rough = self.rough.cost
+        judged = self.features[held_rows], rough[held_rows], held_cost
+        self.learned = fit_estimate(self.features[rows], rough[rows], cost, judged, seed)
+        self.cost = self.learned.predict(self.features, rough)
+        return self.learned

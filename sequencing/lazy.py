@@ -35,8 +35,6 @@ from sequencing.lazy_result import (
     relative_gap,
 )
 
-__all__ = ["CostOracle", "LazyResult", "LazyRound", "LazyStop", "solve_lazily"]
-
 SOLVED = 1e-9  # relative: a mixed cost this close to the best tour's does not beat it
 
 

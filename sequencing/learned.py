@@ -20,8 +20,6 @@ from threadpoolctl import threadpool_limits
 
 from dmoc.arrays import Array
 
-__all__ = ["LearnedEstimate", "edge_features", "fit_estimate", "training_pairs"]
-
 
 def edge_features(
     waypoints: Array, gravity: Array, pairs: npt.NDArray[np.int64], rough: Array, hits: Array

@@ -14,9 +14,7 @@ from dmoc.motion_metrics import BUS_VOLTAGE_V, MotionState, motor_current_a, set
 from dmoc.robot import Robot
 from sequencing.measured_log import ControllerLog, read_controller_log
 from sequencing.run_files import Run, read_run
-from sequencing.run_timeline import Timeline
-
-__all__ = ["measured_against_plan"]
+from sequencing.run_timeline import CycleTimeline
 
 # A joint that is faster than this moves [rad/s].
 MOVING_RAD_S = 0.01
@@ -64,12 +62,12 @@ def measured_against_plan(
     }  # fmt: skip
 
 
-def _planned(line: Timeline, times: Array) -> Array:
+def _planned(line: CycleTimeline, times: Array) -> Array:
     """Planned positions (K, n), at rest before the start and after the end."""
     return np.asarray(line.at(np.clip(times, 0.0, line.duration_s)).q_rad)
 
 
-def _shift(record: ControllerLog, line: Timeline) -> float:
+def _shift(record: ControllerLog, line: CycleTimeline) -> float:
     """The time in the log at which the plan begins, by least squares of all joints."""
     grid = np.arange(0.0, line.duration_s + _FINE_S, _FINE_S)
     curve = _planned(line, grid)
@@ -91,7 +89,7 @@ def _shift(record: ControllerLog, line: Timeline) -> float:
     return best
 
 
-def _fine(line: Timeline) -> tuple[Array, Array]:
+def _fine(line: CycleTimeline) -> tuple[Array, Array]:
     times = np.arange(0.0, line.duration_s + 0.5 * _FINE_S, _FINE_S)
     times = np.minimum(times, line.duration_s)
     return times, np.asarray(line.at(times).velocity_rad_s)
@@ -103,7 +101,7 @@ def _moving_s(t: Array, velocity: Array) -> float:
     return float(t[moving[-1]] - t[moving[0]]) if moving.size else 0.0
 
 
-def _state(line: Timeline, run: Run, times: Array) -> MotionState | None:
+def _state(line: CycleTimeline, run: Run, times: Array) -> MotionState | None:
     """Planned state at log times; None without robot. Standing still outside the plan."""
     if run.robot is None:
         return None
@@ -118,7 +116,7 @@ def _state(line: Timeline, run: Run, times: Array) -> MotionState | None:
 
 
 def _currents(
-    record: ControllerLog, run: Run, line: Timeline, times: Array
+    record: ControllerLog, run: Run, line: CycleTimeline, times: Array
 ) -> dict[str, Any] | None:
     state = _state(line, run, times)
     if record.current_a is None or state is None or run.robot is None or not run.robot.drive:
@@ -135,7 +133,7 @@ def _currents(
 
 
 def _energies(
-    record: ControllerLog, run: Run, line: Timeline, times: Array
+    record: ControllerLog, run: Run, line: CycleTimeline, times: Array
 ) -> dict[str, float | None]:
     report: dict[str, float | None] = dict.fromkeys(
         ("planned_j", "planned_with_base_j", "planned_iv_signed_j", "planned_iv_absolute_j",

@@ -11,8 +11,6 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError
 
-__all__ = ["ControllerLog", "read_controller_log"]
-
 
 @dataclass(frozen=True, eq=False)
 class ControllerLog:

@@ -13,8 +13,6 @@ from planning.alternative import StudAlternatives
 from planning.station import Station
 from sequencing.gtsp.problem import GtspProblem
 
-__all__ = ["HOME", "StationNodes", "station_nodes"]
-
 HOME = "home"
 
 

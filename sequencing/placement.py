@@ -27,8 +27,6 @@ from sequencing.estimates import straight_line
 from sequencing.gtsp.portfolio import solve
 from sequencing.nodes import StationNodes, station_nodes
 
-__all__ = ["Place", "Placement", "grid_of_places", "judge_place", "moved_station", "place_station"]
-
 
 @dataclass(frozen=True)
 class Place:

@@ -19,7 +19,8 @@ from planning.station import Station
 from planning.studs import Stud
 from planning.world import CollisionWorld
 from sequencing.cycle_types import CycleMotion, Polish, Weld
-from sequencing.edges import Between, StationEdges
+from sequencing.edge_jobs import Between
+from sequencing.edges import StationEdges
 from sequencing.polish_spin import (
     EndGradient,
     admissible,
@@ -28,8 +29,6 @@ from sequencing.polish_spin import (
     spin_slope,
     spun,
 )
-
-__all__ = ["polish_cycle"]
 
 FIRST_STEP_RAD = 0.12
 LEAST_STEP_RAD = 0.02

@@ -28,15 +28,6 @@ from planning.station import Station
 from planning.studs import Stud
 from planning.world import CollisionWorld
 
-__all__ = [
-    "EndGradient",
-    "admissible",
-    "end_gradient",
-    "line_problem",
-    "spin_slope",
-    "spun",
-]
-
 #: Largest turn of one continuation step [rad].
 STEP_RAD = 0.05
 #: How far the motion may move while its multipliers are read [rad]; obstacles are not asked.

@@ -16,8 +16,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["csv_text", "json_text", "npz_bytes", "sha256_of", "write_atomic"]
-
 # Zip stores a time stamp with every member; a fixed one keeps equal content equal in bytes.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 

@@ -9,8 +9,6 @@ import numpy as np
 from sequencing.report.tables import markdown_table, number
 from sequencing.run_files import Run
 
-__all__ = ["compare_runs", "comparison_text"]
-
 
 def compare_runs(a: Run, b: Run) -> dict[str, Any]:
     """Differences from run `a` to run `b`, ready for `--json`.
@@ -88,8 +86,8 @@ def _pair(before: float, after: float) -> dict[str, float | None]:
 
 
 def _costs(a: Run, b: Run) -> dict[str, Any]:
-    parts = [run.result["tables"]["energy_based"] for run in (a, b)]
-    return {key: _pair(parts[0][key], parts[1][key]) for key in ("travel", "welding", "total")}
+    before, after = a.costs, b.costs
+    return {key: _pair(before[key], after[key]) for key in ("travel", "welding", "total")}
 
 
 def _changed(a: dict[str, Any], b: dict[str, Any]) -> dict[str, Any]:

@@ -11,8 +11,6 @@ from dmoc.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion
 from sequencing.run_archive import csv_text
 
-__all__ = ["motion_csv", "motion_file_name"]
-
 _SAMPLES_PER_INTERVAL = 4
 
 
@@ -29,10 +27,7 @@ def motion_csv(trajectory: JointTrajectory, robot: Robot) -> str:
     torque, constant on the interval that begins with the row (the last interval's at the end).
     """
     if trajectory.robot is None:
-        trajectory = JointTrajectory(
-            trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm,
-            robot,
-        )  # fmt: skip
+        trajectory = trajectory.on(robot)
     steps = np.arange(_SAMPLES_PER_INTERVAL * trajectory.num_intervals + 1)
     knot = np.minimum(steps // _SAMPLES_PER_INTERVAL, trajectory.num_intervals - 1)
     share = (steps - knot * _SAMPLES_PER_INTERVAL) / _SAMPLES_PER_INTERVAL

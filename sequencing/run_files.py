@@ -7,7 +7,7 @@ two do not belong together (a run interrupted while it was replacing an older on
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -17,19 +17,18 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array
+from dmoc.cost import Cost, ElectricalCost
 from dmoc.errors import Fault, InputError, RobotError
 from dmoc.motion import Motion
 from dmoc.robot import Robot, Tool, load_robot
 from dmoc.status import Status
 from dmoc.trajectory import JointTrajectory
-from sequencing.cycle_types import Cycle, CycleMotion, Weld
+from sequencing.cycle_types import Cycle, CycleCost, CycleMotion, Weld
 from sequencing.report.tables import tables_markdown
 from sequencing.run_archive import json_text, npz_bytes, sha256_of, write_atomic
 from sequencing.run_csv import motion_csv, motion_file_name
-from sequencing.run_result import SCHEMA_VERSION, result_of
-from sequencing.run_timeline import Timeline, timeline
-
-__all__ = ["Run", "read_run", "write_run"]
+from sequencing.run_result import SCHEMA_VERSION, RunResult, result_of, result_of_motions
+from sequencing.run_timeline import CycleTimeline, timeline
 
 _ARRAYS = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
 
@@ -60,13 +59,25 @@ class Run:
         return tuple(self.result["robot"]["joint_names"])
 
     @property
+    def planned(self) -> bool:
+        """Whether a station was planned; otherwise these are motions without one."""
+        return self.result["tables"] is not None
+
+    @property
+    def costs(self) -> dict[str, float]:
+        """`travel`, `welding` and `total`; without a station what the motions cost."""
+        if self.planned:
+            return dict(self.result["tables"]["energy_based"])
+        return CycleCost(float(sum(item.motion.cost for item in self.motions)), 0.0).to_dict()
+
+    @property
     def trajectories(self) -> dict[str, JointTrajectory]:
         """Trajectory of every motion that has one, by key."""
         found = {item.key: item.motion.trajectory for item in self.motions}
         return {key: value for key, value in found.items() if value is not None}
 
     @property
-    def timeline(self) -> Timeline:
+    def timeline(self) -> CycleTimeline:
         """Motions and welds on one clock."""
         return timeline(self.welds, self.motions)
 
@@ -83,26 +94,43 @@ def write_run(cycle: Cycle, out: Path | str, timing: Mapping[str, Any]) -> None:
     timing.json only, with the place of the station file: for the same cycle all other files have
     the same bytes.
     """
-    out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
+    out, station = Path(out), cycle.station
+    write_atomic(out / "timing.json", json_text({"station_source": str(station.source), **timing}))
+    _write(out, station.robot, cycle.motions, lambda files: result_of(cycle, files))
+
+
+def write_motions(
+    name: str, robot: Robot, motions: Sequence[CycleMotion], cost: Cost | ElectricalCost,
+    out: Path | str, seed: int,
+) -> Run:  # fmt: skip
+    """Write motions that belong to no station as a run, and read it back.
+
+    The files are those of `write_run` but timing.json; every command that takes a run takes it.
+    """
+    _write(Path(out), robot, motions,
+           lambda files: result_of_motions(name, robot, motions, cost, seed, files))  # fmt: skip
+    return read_run(out, robot)
+
+
+def _write(
+    out: Path, robot: Robot, motions: Sequence[CycleMotion],
+    result_with: Callable[[Mapping[str, str]], RunResult],
+) -> None:  # fmt: skip
     arrays: dict[str, Array] = {}
     names = set()
-    for item in cycle.motions:
+    for item in motions:
         trajectory = item.motion.trajectory
         if trajectory is None:
             continue
         arrays |= {f"{item.key}/{key}": getattr(trajectory, key) for key in _ARRAYS}
         name = motion_file_name(item)
         names.add(name)
-        write_atomic(out / "motions" / name, motion_csv(trajectory, cycle.station.robot))
+        write_atomic(out / "motions" / name, motion_csv(trajectory, robot))
     for stale in sorted((out / "motions").glob("m[0-9]*.csv")):
         if stale.name not in names:
             stale.unlink()
     write_atomic(out / "motions.npz", npz_bytes(arrays))
-    write_atomic(
-        out / "timing.json", json_text({"station_source": str(cycle.station.source), **timing})
-    )
-    result = result_of(cycle, {"motions.npz": sha256_of(out / "motions.npz")})
+    result = result_with({"motions.npz": sha256_of(out / "motions.npz")})
     write_atomic(out / "tables.md", tables_markdown(result))
     write_atomic(out / "result.json", json_text(result))
 
@@ -151,7 +179,8 @@ def _read_result(folder: Path) -> dict[str, Any]:
             Fault("run-version", file=str(path), field="schema_version", value=str(version),
                   legal=str(SCHEMA_VERSION), fix="plan the station again with this version")
         )  # fmt: skip
-    return dict(result)
+    # Folders of single motions from before have not all fields: None says the same.
+    return {**dict.fromkeys(RunResult.__annotations__), **result}
 
 
 def _damaged(path: Path, error: Exception) -> InputError:

@@ -11,8 +11,6 @@ import yaml
 from planning.station import Station
 from sequencing.run_archive import sha256_of
 
-__all__ = ["input_hashes"]
-
 
 def input_hashes(station: Station) -> dict[str, str]:
     """Name → sha256 of station.yaml, of every file that it names, and of the robot's two files.

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib import metadata
-from typing import Any
+from typing import Any, TypedDict
 
 from dmoc.cost import Cost, ElectricalCost
 from dmoc.robot import Robot
 from sequencing.cycle_types import Cycle, CycleMotion, Search, Tables
 from sequencing.run_inputs import input_hashes
 from sequencing.run_shares import cost_shares
-
-__all__ = ["SCHEMA_VERSION", "result_of"]
 
 SCHEMA_VERSION = 1
 
@@ -25,35 +23,92 @@ _PACKAGES = (
 )  # fmt: skip
 
 
-def result_of(cycle: Cycle, files: Mapping[str, str]) -> dict[str, Any]:
-    """result.json of a cycle; `files` maps names of files beside it to their sha256."""
-    station = cycle.station
+class RunResult(TypedDict):
+    """result.json, field by field; what only a planned cycle has is None in a run of motions."""
+
+    schema_version: int
+    name: str
+    seed: int
+    method: str | None
+    versions: dict[str, str]
+    inputs: dict[str, Any]
+    robot: dict[str, Any]
+    cost: dict[str, Any]
+    configurations: int | None
+    unreachable: list[dict[str, str]] | None
+    duration_s: float
+    certified: int
+    clearance_m: float | None
+    fallbacks: int | None
+    search: dict[str, Any] | None
+    tour: dict[str, Any] | None
+    welds: list[dict[str, Any]]
+    motions: list[dict[str, Any]]
+    tables: dict[str, Any] | None
+    polish: dict[str, Any] | None
+    files: dict[str, str]
+
+
+def result_of_motions(
+    name: str, robot: Robot, motions: Sequence[CycleMotion], cost: Cost | ElectricalCost,
+    seed: int, files: Mapping[str, str],
+) -> RunResult:  # fmt: skip
+    """result.json of motions; `files` maps names of files beside it to their sha256."""
     return {
         "schema_version": SCHEMA_VERSION,
-        "name": station.name,
-        "seed": cycle.seed,
-        "method": cycle.method,
+        "name": name,
+        "seed": seed,
+        "method": None,
         "versions": package_versions(),
+        "inputs": {
+            "station_fingerprint": "none",
+            "robot_fingerprint": robot.fingerprint,
+            "files": {},
+        },
+        "robot": robot_entry(robot),
+        "cost": {"kind": type(cost).__name__, **asdict(cost)},
+        "configurations": None,
+        "unreachable": None,
+        "duration_s": float(sum(item.motion.duration_s for item in motions)),
+        "certified": sum(item.motion.certified is True for item in motions),
+        "clearance_m": None,
+        "fallbacks": None,
+        "search": None,
+        "tour": None,
+        "welds": [],
+        "motions": [motion_entry(item, cost) for item in motions],
+        "tables": None,
+        "polish": None,
+        "files": dict(sorted(files.items())),
+    }
+
+
+def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
+    """result.json of a cycle: that of its motions, and all that its station decides."""
+    station, tour = cycle.station, cycle.tour
+    bare = result_of_motions(
+        station.name, station.robot, cycle.motions, station.cost, cycle.seed, files
+    )
+    return {
+        **bare,
+        "method": cycle.method,
         "inputs": {
             "station_fingerprint": station.fingerprint,
             "robot_fingerprint": station.robot.fingerprint,
             "files": input_hashes(station),
         },
-        "robot": robot_entry(station.robot),
-        "cost": {"kind": type(station.cost).__name__, **asdict(station.cost)},
         "configurations": cycle.configurations,
         "unreachable": [{"stud": stud, "reason": reason} for stud, reason in cycle.unreachable],
         "duration_s": cycle.duration_s,
-        "certified": cycle.certified,
         "clearance_m": station.clearance_m,
         "fallbacks": cycle.fallbacks,
         "search": search_entry(cycle.search),
         "tour": {
-            "nodes": [int(node) for node in cycle.tour.nodes],
-            "cost": cycle.tour.cost,
-            "lower_bound": cycle.tour.lower_bound,
-            "proven": cycle.tour.proven,
-            "method": cycle.tour.method,
+            "nodes": [int(node) for node in tour.nodes],
+            "cost": tour.cost,
+            "lower_bound": tour.lower_bound,
+            "proven": tour.proven,
+            "method": tour.method,
         },
         "welds": [
             {
@@ -65,10 +120,8 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> dict[str, Any]:
             }
             for weld in cycle.welds
         ],
-        "motions": [motion_entry(item, station.cost) for item in cycle.motions],
         "tables": tables_entry(cycle.tables),
         "polish": None if cycle.polish is None else cycle.polish.to_dict(),
-        "files": dict(sorted(files.items())),
     }
 
 

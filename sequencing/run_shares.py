@@ -7,8 +7,6 @@ import numpy as np
 from dmoc.cost import Cost, ElectricalCost
 from dmoc.trajectory import JointTrajectory
 
-__all__ = ["cost_shares"]
-
 
 def cost_shares(trajectory: JointTrajectory, cost: Cost | ElectricalCost) -> dict[str, float]:
     r"""The terms of J on the knots, in the order they are printed.

@@ -9,8 +9,6 @@ from dmoc.errors import Fault, InputError
 from planning.station import Station, available_stations, demo_station, load_station
 from sequencing.run_files import Run
 
-__all__ = ["station_of"]
-
 
 def station_of(run: Run) -> Station:
     """The station that `run` was planned in: embedded, or from the file it was read from.

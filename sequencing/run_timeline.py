@@ -13,8 +13,6 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion, Weld
 
-__all__ = ["CycleState", "Segment", "Timeline", "timeline"]
-
 
 @dataclass(frozen=True)
 class Segment:
@@ -42,7 +40,7 @@ class CycleState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Timeline:
+class CycleTimeline:
     """The segments of a cycle in order, without holes, starting at 0 s."""
 
     segments: tuple[Segment, ...]
@@ -83,10 +81,8 @@ class Timeline:
                     torque[rows] = robot.gravity_torque_nm(held)
                 continue
             curve = trajectory_of(self.motions[segment.index])
-            if robot is not None and curve.robot is not robot:
-                curve = JointTrajectory(
-                    curve.t_s, curve.q_rad, curve.velocity_rad_s, curve.torque_nm, robot
-                )
+            if robot is not None:
+                curve = curve.on(robot)
             sample = curve.sample(times[rows] - segment.start_s + curve.t_s[0])
             q[rows], v[rows], a[rows] = sample[:3]
             if torque is not None:
@@ -103,7 +99,7 @@ def trajectory_of(item: CycleMotion) -> JointTrajectory:
     return trajectory
 
 
-def timeline(welds: Sequence[Weld], motions: Sequence[CycleMotion]) -> Timeline:
+def timeline(welds: Sequence[Weld], motions: Sequence[CycleMotion]) -> CycleTimeline:
     """Welds and motions in order of execution.
 
     One motion more than welds: the cycle begins with the motion from home. Otherwise it begins
@@ -126,10 +122,10 @@ def timeline(welds: Sequence[Weld], motions: Sequence[CycleMotion]) -> Timeline:
         if length > 0:
             segments.append(Segment(clock, clock + length, kind, index, label))
         clock += length
-    return Timeline(tuple(segments), tuple(welds), tuple(motions))
+    return CycleTimeline(tuple(segments), tuple(welds), tuple(motions))
 
 
-def _joints(line: Timeline) -> int:
+def _joints(line: CycleTimeline) -> int:
     if line.motions:
         return int(trajectory_of(line.motions[0]).q_rad.shape[1])
     return len(line.welds[0].q_rad)

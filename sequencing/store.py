@@ -20,8 +20,6 @@ from dmoc.robot import Robot
 from dmoc.status import Status
 from dmoc.trajectory import JointTrajectory
 
-__all__ = ["EdgeStore", "decode_motion", "encode_motion"]
-
 _SCALARS = (
     "cost", "smoothing_cost", "iterations", "max_defect", "replay_error_rad", "min_clearance_m",
     "proven_clearance_m", "certified", "note",

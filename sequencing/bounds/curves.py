@@ -18,8 +18,6 @@ from dmoc.robot import Robot
 from sequencing.bounds.field import CellGrid, FieldCells
 from sequencing.bounds.series import ArmSeries
 
-__all__ = ["Curves", "leaving_curves", "reach", "shortest_time"]
-
 
 def reach(robot: Robot, t_s: Array) -> Array:
     """ρ (K, n): ½ a t² until the speed limit, then at the speed limit; `t_s` (K,)."""

@@ -22,8 +22,6 @@ from dmoc.cost import Cost
 from dmoc.robot import Robot
 from sequencing.bounds.series import ArmSeries
 
-__all__ = ["CellGrid", "FieldCells", "LieTerms", "cell_grid", "field_cells", "lie_terms"]
-
 STEP_RAD = np.deg2rad(5.0)
 MOST_CELLS = 48  # along one axis; wide limits get wider cells
 _CHUNK = 8

@@ -17,8 +17,6 @@ from dmoc.arrays import Array
 from dmoc.robot import Robot
 from dmoc.state import mass_matrices
 
-__all__ = ["ArmSeries", "arm_series"]
-
 
 @dataclass(frozen=True)
 class ArmSeries:

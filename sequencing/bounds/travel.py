@@ -25,8 +25,6 @@ from sequencing.bounds.curves import Curves, leaving_curves, shortest_time
 from sequencing.bounds.field import cell_grid, field_cells, lie_terms
 from sequencing.bounds.series import arm_series
 
-__all__ = ["TravelBound", "power_bound", "travel_bound"]
-
 # Scales of the reference torque on the two bearing joints, and whether the other joints' share of
 # the quadratic form is spent on relieving these two. Small ones hold for long motions.
 SCALES = (

@@ -8,12 +8,12 @@ from dmoc.errors import Fault
 from planning.check import check_station
 from planning.init_station import init_station
 from planning.station import available_stations, demo_station
-from sequencing.commands.console import Console, Outcome, save_json
-
-__all__ = ["run_check", "run_init"]
+from sequencing.commands.console import CommandResult, Console, save_json
 
 
-def run_check(console: Console, station: str, out: Path | None, engines: bool = False) -> Outcome:
+def run_check(
+    console: Console, station: str, out: Path | None, engines: bool = False
+) -> CommandResult:
     """Alternatives per stud, or the reasons why there are none; exit 3 if a stud has none."""
     path = demo_station(station).source if station in available_stations() else station
     data = check_station(path, engines)
@@ -34,14 +34,14 @@ def run_check(console: Console, station: str, out: Path | None, engines: bool = 
     missing = [row["id"] for row in studs if not row["alternatives"]]
     if missing:
         console.say("no alternative for " + ", ".join(missing))
-    return Outcome(data, 3 if missing else 0)
+    return CommandResult(data, 3 if missing else 0)
 
 
 def run_init(
     console: Console, urdf: Path, part: Path, studs: Path, out: Path | None, unit: str
-) -> Outcome:
+) -> CommandResult:
     """Write station.yaml with its inputs copied beside it."""
     folder = Path("station") if out is None else out
     path = init_station(urdf, part, studs, folder, unit=unit)
     console.show(f"wrote {path}; next: dmoc check {path}")
-    return Outcome({"station": str(path)})
+    return CommandResult({"station": str(path)})

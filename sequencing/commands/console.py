@@ -12,11 +12,9 @@ from typing import Any
 
 from dmoc.errors import Fault
 
-__all__ = ["Console", "Outcome", "plain", "save_json"]
-
 
 @dataclass(frozen=True)
-class Outcome:
+class CommandResult:
     """What a command returns: the object for `--json`, and the exit code."""
 
     data: Mapping[str, Any]

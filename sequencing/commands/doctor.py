@@ -11,9 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sequencing.commands.console import Console, Outcome, save_json
-
-__all__ = ["run_doctor"]
+from sequencing.commands.console import CommandResult, Console, save_json
 
 PACKAGES = (
     "dmoc", "casadi", "pin", "coal", "python-fcl", "ompl", "numpy", "scipy", "numba", "networkx",
@@ -21,7 +19,7 @@ PACKAGES = (
 )  # fmt: skip
 
 
-def run_doctor(console: Console, out: Path | None) -> Outcome:
+def run_doctor(console: Console, out: Path | None) -> CommandResult:
     """Print what was found; exit 3 if the solve does not work."""
     from dmoc.codegen import backend_report
     from dmoc.motion import MotionProblem
@@ -59,7 +57,7 @@ def run_doctor(console: Console, out: Path | None) -> Outcome:
     console.show(f"  robots       {', '.join(available_robots())}")
     console.show(f"  solve        {motion.status.value}, cost {motion.cost:.6g}")
     save_json(out, "doctor.json", data)
-    return Outcome(data, 0 if motion.status.ok else 3)
+    return CommandResult(data, 0 if motion.status.ok else 3)
 
 
 def _version(name: str) -> str | None:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sequencing.commands.console import Console, Outcome, save_json
+from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.measured import measured_against_plan
 from sequencing.report.measured_tables import measured_markdown
 
-__all__ = ["run_measured"]
 
-
-def run_measured(console: Console, log: Path, run: Path, out: Path | None) -> Outcome:
+def run_measured(console: Console, log: Path, run: Path, out: Path | None) -> CommandResult:
     """Time, position, current and energy of a log against the run that was exported."""
     data = measured_against_plan(log, run)
     console.show(measured_markdown(data))
     save_json(out, "measured.json", data)
-    return Outcome(data)
+    return CommandResult(data)

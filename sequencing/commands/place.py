@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console as Terminal
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from sequencing.commands.console import Console, Outcome, save_json
+from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.commands.plan import open_station
 from sequencing.commands.workers import worker_pool
 from sequencing.placement import Place, Placement, grid_of_places, place_station
@@ -22,13 +22,11 @@ from sequencing.report.placement_report import (
 )
 from sequencing.run_archive import write_atomic
 
-__all__ = ["run_place"]
-
 
 def run_place(
     console: Console, station_name: str, span_m: float, step_m: float, yaw_deg: float,
     yaw_step_deg: float, seed: int, out: Path | None, workers: int,
-) -> Outcome:  # fmt: skip
+) -> CommandResult:  # fmt: skip
     """Judge a grid of places; table, map and CSV; exit 3 where no place reaches every stud."""
     station = open_station(station_name)
     places = grid_of_places(
@@ -63,7 +61,7 @@ def run_place(
     }  # fmt: skip
     save_json(folder, "place.json", data)
     console.show(f"written to {folder}: place.png, places.csv, place.json")
-    return Outcome(data, 0 if reached else 3)
+    return CommandResult(data, 0 if reached else 3)
 
 
 def _verdict(best: Placement, present: Placement | None) -> str:

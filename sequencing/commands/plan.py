@@ -10,13 +10,11 @@ from typing import Any, cast
 
 from dmoc.refinement.params import Method
 from planning.station import Station, available_stations, demo_station, load_station
-from sequencing.commands.console import Console, Outcome
+from sequencing.commands.console import CommandResult, Console
 from sequencing.commands.run_folder import no_cycle, open_bench, write_pages
 from sequencing.cycle import NoCycle, PlanEvent, PlanStop, plan_station
 from sequencing.cycle_types import Cycle, Reuse
 from sequencing.run_files import write_run
-
-__all__ = ["headline", "open_station", "run_demo", "run_plan"]
 
 DEMO = "stud_welding_a_8"
 
@@ -30,7 +28,7 @@ def open_station(name_or_path: str) -> Station:
 
 def run_demo(
     console: Console, seed: int, out: Path | None, workers: int, method: str, polish: bool = False
-) -> Outcome:
+) -> CommandResult:
     """The main job on the embedded eight-stud station."""
     folder = out or Path("runs/demo")
     return run_plan(console, DEMO, seed, folder, workers, method, None, 0.01, polish)
@@ -47,7 +45,7 @@ def run_plan(
     conditional_gap: float,
     polish: bool = False,
     coverage: int | None = None,
-) -> Outcome:
+) -> CommandResult:
     """Plan, write the run folder, print the tables; exit 3 with reasons where there is no cycle."""
     began = time.perf_counter()
     station = open_station(station_name)
@@ -76,7 +74,7 @@ def run_plan(
         f"written to {folder}: tables.md, report.html, scene.html, curves.png, result.json, "
         "motions.npz"
     )
-    return Outcome(headline(cycle, wall, folder), 0 if not cycle.unreachable else 3)
+    return CommandResult(headline(cycle, wall, folder), 0 if not cycle.unreachable else 3)
 
 
 def run_name(name: str) -> str:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sequencing.commands.console import Console, Outcome
+from sequencing.commands.console import CommandResult, Console
 from sequencing.commands.workers import worker_pool
 from sequencing.cycle import NoCycle, PlanEvent
 from sequencing.cycle_types import Cycle
@@ -19,11 +19,9 @@ from sequencing.report.scene import write_scene
 from sequencing.run_files import read_run
 from sequencing.store import EdgeStore
 
-__all__ = ["Bench", "no_cycle", "open_bench", "write_pages"]
-
 
 @dataclass(frozen=True)
-class Bench:
+class RunBench:
     """What solving edges needs: the store in the folder, worker processes, a progress bar."""
 
     store: EdgeStore
@@ -32,21 +30,21 @@ class Bench:
 
 
 @contextmanager
-def open_bench(folder: Path, workers: int) -> Iterator[Bench]:
+def open_bench(folder: Path, workers: int) -> Iterator[RunBench]:
     """Store, workers and progress bar for the run in `folder`, closed in the end."""
     with (
         EdgeStore(folder / "edges.sqlite") as store,
         worker_pool(workers) as executor,
         plan_progress() as progress,
     ):
-        yield Bench(store, executor, progress)
+        yield RunBench(store, executor, progress)
 
 
-def no_cycle(console: Console, none: NoCycle, folder: Path) -> Outcome:
+def no_cycle(console: Console, none: NoCycle, folder: Path) -> CommandResult:
     """Say why there is no cycle; exit 3."""
     for key, reason in none.reasons.items():
         console.say(f"no cycle: {key}: {reason}")
-    return Outcome({"status": "no_cycle", "reasons": none.reasons, "out": str(folder)}, 3)
+    return CommandResult({"status": "no_cycle", "reasons": none.reasons, "out": str(folder)}, 3)
 
 
 def write_pages(cycle: Cycle, folder: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dmoc.errors import Fault, InputError
 from dmoc.robot import Robot
-from sequencing.commands.console import Console, Outcome, save_json
+from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.export.exporting import export_run
 from sequencing.report.curves import write_curves
 from sequencing.report.html import write_report
@@ -15,44 +15,43 @@ from sequencing.run_compare import compare_runs, comparison_text
 from sequencing.run_files import Run, read_run
 from sequencing.run_station import station_of
 
-__all__ = ["run_compare", "run_export", "run_view"]
-
 
 def run_export(
     console: Console, run_dir: Path, format: str, step_s: float | None, out: Path | None
-) -> Outcome:
+) -> CommandResult:
     """Write controller files; limits that are exceeded refuse the export (exit 2)."""
     export = export_run(read_run(run_dir), format, out or run_dir / "export", step_s)
     for path in export.files:
         console.show(f"wrote {path}")
     console.show(export.statement)
-    return Outcome(
+    return CommandResult(
         {"format": export.format, "files": [str(path) for path in export.files],
          "statement": export.statement, "max_deviation_rad": export.max_deviation_rad}
     )  # fmt: skip
 
 
-def run_view(console: Console, run_dir: Path, out: Path | None) -> Outcome:
-    """Write curves and scene of a run anew."""
+def run_view(console: Console, run_dir: Path, out: Path | None) -> CommandResult:
+    """Write curves, report and, where there is a station, the scene of a run anew."""
     run = read_run(run_dir)
     robot = _robot(run)
     folder = out or run_dir
     folder.mkdir(parents=True, exist_ok=True)
     files = [write_curves(run.timeline, robot, folder / "curves.png", run.name)]
-    station = station_of(run)
-    files.append(write_scene(station, run.timeline, folder / "scene.html", run.name))
+    if run.planned:
+        scene = folder / "scene.html"
+        files.append(write_scene(station_of(run), run.timeline, scene, run.name))
     files.append(write_report(run, robot, folder / "report.html"))
     for path in files:
         console.show(f"wrote {path}")
-    return Outcome({"files": [str(path) for path in files]})
+    return CommandResult({"files": [str(path) for path in files]})
 
 
-def run_compare(console: Console, first: Path, second: Path, out: Path | None) -> Outcome:
+def run_compare(console: Console, first: Path, second: Path, out: Path | None) -> CommandResult:
     """Costs of two runs side by side."""
     data = compare_runs(read_run(first), read_run(second))
     console.show(comparison_text(data))
     save_json(out, "compare.json", data)
-    return Outcome(data)
+    return CommandResult(data)
 
 
 def _robot(run: Run) -> Robot:

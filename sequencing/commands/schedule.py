@@ -7,14 +7,12 @@ from typing import Any
 
 import planning
 from dmoc.status import Status
-from sequencing.commands.console import Console, Outcome, save_json
+from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.report.tables import markdown_table, number
 from sequencing.timing import run_schedule
 
-__all__ = ["cases_table", "remarks", "run_schedule_command"]
 
-
-def run_schedule_command(console: Console, cell: str, seed: int, out: Path | None) -> Outcome:
+def run_schedule_command(console: Console, cell: str, seed: int, out: Path | None) -> CommandResult:
     """Baselines and optimised timings of a cell.yaml; exit 3 where every timing collides."""
     embedded = Path(planning.__file__).parent / "stations" / cell / "cell.yaml"
     data = run_schedule(embedded if embedded.is_file() else cell, seed, progress=console.say)
@@ -23,7 +21,7 @@ def run_schedule_command(console: Console, cell: str, seed: int, out: Path | Non
     for line in remarks(data):
         console.show(line)
     save_json(out, "schedule.json", data)
-    return Outcome(data, 0 if data["status"] == Status.CONVERGED else 3)
+    return CommandResult(data, 0 if data["status"] == Status.CONVERGED else 3)
 
 
 def remarks(data: dict[str, Any]) -> list[str]:

@@ -12,9 +12,9 @@ from dmoc.errors import Fault, InputError
 from dmoc.motion import Motion, MotionProblem
 from dmoc.robot import load_robot
 from dmoc.solver import solve
-from sequencing.commands.console import Console, Outcome, save_json
-
-__all__ = ["parse_vector", "run_solve"]
+from sequencing.commands.console import CommandResult, Console, save_json
+from sequencing.cycle_types import CycleMotion
+from sequencing.run_files import write_motions
 
 
 def parse_vector(text: str, name: str, num_joints: int) -> np.ndarray:
@@ -44,8 +44,8 @@ def run_solve(
     payload: float,
     seed: int,
     out: Path | None,
-) -> Outcome:
-    """Solve, print a line or the JSON object, and write it to `out`/motion.json if asked."""
+) -> CommandResult:
+    """Solve, print a line or the JSON object; `out` gets motion.json and the motion as a run."""
     robot = load_robot(robot_name)
     if payload > 0:
         robot = robot.with_payload(payload)
@@ -64,7 +64,10 @@ def run_solve(
     if not motion.status.ok:
         console.say(f"{motion.status.value}: {motion.status.advice} {motion.note}".rstrip())
     save_json(out, "motion.json", data)
-    return Outcome(data, 0 if motion.status.ok else 3)
+    if out is not None and motion.trajectory is not None:
+        item = CycleMotion("m000", "start", "goal", "travel", motion)
+        write_motions(f"{robot.name} motion", robot, [item], problem.cost, out, seed)
+    return CommandResult(data, 0 if motion.status.ok else 3)
 
 
 def _as_object(motion: Motion) -> dict[str, object]:

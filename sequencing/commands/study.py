@@ -6,12 +6,10 @@ import time
 from pathlib import Path
 
 from dmoc.errors import Fault, InputError
-from sequencing.commands.console import Console, Outcome, save_json
+from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.commands.plan import headline
 from sequencing.commands.run_folder import no_cycle, open_bench, write_pages
 from sequencing.run_files import write_run
-
-__all__ = ["run_study"]
 
 STUDIES = ("stud-welding", "pallet-cell", "ur3")
 STATIONS = {"A": "stud_welding_a", "B": "stud_welding_b", "C": "stud_welding_c"}
@@ -20,7 +18,7 @@ STATIONS = {"A": "stud_welding_a", "B": "stud_welding_b", "C": "stud_welding_c"}
 def run_study(
     console: Console, name: str, station: str, seed: int, out: Path | None, workers: int,
     reduced: bool = False,
-) -> Outcome:  # fmt: skip
+) -> CommandResult:  # fmt: skip
     """Run the study `name`; `station` (A, B or C) matters to stud-welding only."""
     if name not in STUDIES:
         raise InputError(
@@ -41,7 +39,7 @@ def run_study(
 
 def _stud_welding(
     console: Console, station: str, seed: int, out: Path | None, workers: int, reduced: bool
-) -> Outcome:
+) -> CommandResult:
     from sequencing.cycle import NoCycle
     from sequencing.report.stud_welding_page import study_entry, write_study
     from sequencing.report.stud_welding_tables import stud_welding_markdown
@@ -73,19 +71,19 @@ def _stud_welding(
     )
     wall = time.perf_counter() - began
     data = {**headline(run.new, wall, folder), "study": study_entry(run.study)}
-    return Outcome(data, 0 if not run.new.unreachable else 3)
+    return CommandResult(data, 0 if not run.new.unreachable else 3)
 
 
-def _pallet_cell(console: Console, seed: int) -> Outcome:
+def _pallet_cell(console: Console, seed: int) -> CommandResult:
     from sequencing.commands.schedule import cases_table
     from sequencing.timing.study import run_pallet_cell_study
 
     data = run_pallet_cell_study(seed, progress=console.say)
     console.show(cases_table(data["cases"]))
-    return Outcome(data)
+    return CommandResult(data)
 
 
-def _ur3(console: Console, seed: int, folder: Path, reduced: bool) -> Outcome:
+def _ur3(console: Console, seed: int, folder: Path, reduced: bool) -> CommandResult:
     from sequencing.report.ur3_tables import ur3_markdown
     from sequencing.studies.ur3 import run_ur3_study
 
@@ -93,4 +91,4 @@ def _ur3(console: Console, seed: int, folder: Path, reduced: bool) -> Outcome:
     text = ur3_markdown(data)
     (folder / "study.md").write_text(text, encoding="utf-8")
     console.show(text)
-    return Outcome(data)
+    return CommandResult(data)

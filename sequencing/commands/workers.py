@@ -11,9 +11,6 @@ from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
-__all__ = ["worker_pool"]
-
-
 PR_SET_PDEATHSIG = 1
 
 

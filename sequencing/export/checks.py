@@ -9,8 +9,6 @@ from dmoc.errors import Fault, InputError
 from dmoc.trajectory import JointTrajectory
 from sequencing.run_files import Run
 
-__all__ = ["POSITION_SLACK_RAD", "SPEED_SLACK", "TORQUE_SLACK", "check_exportable"]
-
 # The optimiser keeps its limits at the knots and on average between them; the smooth curve through
 # the knots may bulge a little beyond, less than a controller's own supervision lets through.
 POSITION_SLACK_RAD = 1e-3
@@ -56,10 +54,7 @@ def _limit_faults(run: Run, where: str, trajectory: JointTrajectory) -> list[Fau
     share = np.arange(_PER_INTERVAL) / _PER_INTERVAL
     h = np.diff(trajectory.t_s)[:, None]
     times = np.append((trajectory.t_s[:-1, None] + h * share).ravel(), trajectory.t_s[-1])
-    plain = JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    )
-    sample = plain.sample(times)
+    sample = trajectory.on(None).sample(times)
     speed, torque = run.limit("velocity_limit_rad_s"), run.limit("torque_limit_nm")
     return [
         *_outside(run, where, "q_rad", sample.q_rad, run.limit("q_lower_rad"),

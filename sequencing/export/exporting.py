@@ -17,8 +17,6 @@ from sequencing.export.wording import POINT_TO_POINT, STREAMED
 from sequencing.run_archive import write_atomic
 from sequencing.run_files import Run
 
-__all__ = ["EXPORT_FORMATS", "Export", "export_run"]
-
 Texts = tuple[dict[str, str], float | None]
 
 

@@ -5,19 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from dmoc.arrays import Array
-from sequencing.cycle_types import Weld
+from dmoc.trajectory import JointTrajectory
 from sequencing.export.wording import (
     POINT_TO_POINT,
-    ascii_text,
     header_lines,
     identifier,
+    point_to_point,
     six_joints,
-    steps,
-    title,
 )
 from sequencing.run_files import Run
-
-__all__ = ["krl_program"]
 
 
 def krl_program(run: Run) -> str:
@@ -26,28 +22,16 @@ def krl_program(run: Run) -> str:
     body = [
         "  BAS (#INITMOV, 0)",
         "  $APO.CPTP = 1",
+        *point_to_point(run, "  ;", lambda q: f"  PTP {_axes(q)}", _moves, "  WAIT SEC {:.3f}"),
     ]
-    first = True
-    for step in steps(run):
-        if isinstance(step, Weld):
-            if first:
-                body.append(f"  PTP {_axes(step.q_rad)}")
-            body += [f"  ; weld {ascii_text(step.stud)}: start the process here",
-                     f"  WAIT SEC {step.time_s:.3f}"]  # fmt: skip
-            first = False
-            continue
-        item, trajectory = step
-        if first:
-            body.append(f"  PTP {_axes(trajectory.q_rad[0])}")
-        first = False
-        body.append(f"  ; motion {title(item)}")
-        last = trajectory.num_intervals
-        for k, q in enumerate(trajectory.q_rad[1:], start=1):
-            body.append(f"  PTP {_axes(q)}" + ("" if k == last else " C_PTP"))
-        body.append(f"  ; end {item.key}")
     name = identifier(run.name, 24)
     head = [f"; {line}" for line in header_lines(run, POINT_TO_POINT)]
     return "\n".join([f"DEF {name}( )", *head, *body, "END"]) + "\n"
+
+
+def _moves(trajectory: JointTrajectory) -> list[str]:
+    moves = [f"  PTP {_axes(q)}" for q in trajectory.q_rad[1:]]
+    return [*(f"{move} C_PTP" for move in moves[:-1]), moves[-1]]
 
 
 def _axes(q_rad: Array) -> str:

@@ -14,8 +14,6 @@ import numpy as np
 
 from dmoc.arrays import Array
 
-__all__ = ["read_krl", "read_log", "read_rapid", "read_ros", "read_urscript"]
-
 _BEGIN = re.compile(r"^\s*[#!;] motion (\S+) ")
 _END = re.compile(r"^\s*[#!;] end \S+")
 

@@ -11,8 +11,6 @@ from sequencing.run_archive import json_text
 from sequencing.run_csv import motion_file_name
 from sequencing.run_files import Run
 
-__all__ = ["ROS_STATEMENT", "ros_files"]
-
 ROS_STATEMENT = (
     "Points carry positions and velocities and no accelerations, so that a controller with cubic "
     "splines follows the planned curve exactly. Point-to-point execution of the same points does "

@@ -8,8 +8,6 @@ from sequencing.export.wording import STREAMED, header_lines
 from sequencing.run_archive import csv_text
 from sequencing.run_files import Run
 
-__all__ = ["csv_log", "rtde_log"]
-
 
 def csv_log(run: Run, step_s: float) -> tuple[str, float]:
     """CSV with units in the header and a column that names the motion or weld; deviation [rad]."""

@@ -15,8 +15,6 @@ from sequencing.export.wording import (
 )
 from sequencing.run_files import Run
 
-__all__ = ["urscript_program"]
-
 # servoj's own ranges: lookahead 0.03-0.2 s, gain 100-2000 (URScript manual, e-Series).
 _LOOKAHEAD_S, _GAIN = 0.1, 300
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -13,16 +13,6 @@ from dmoc.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion, Weld
 from sequencing.run_files import Run
 from sequencing.run_timeline import trajectory_of
-
-__all__ = [
-    "POINT_TO_POINT",
-    "STREAMED",
-    "ascii_text",
-    "header_lines",
-    "identifier",
-    "six_joints",
-    "steps",
-]
 
 POINT_TO_POINT = (
     "Point-to-point export does NOT preserve the planned timing and therefore not the planned "
@@ -92,6 +82,30 @@ def steps(run: Run) -> Iterator[tuple[CycleMotion, JointTrajectory] | Weld]:
         else:
             item = line.motions[segment.index]
             yield item, trajectory_of(item)
+
+
+def point_to_point(
+    run: Run, comment: str, first_move: Callable[[Array], str], moves: Callable[..., list[str]],
+    wait: str,
+) -> list[str]:  # fmt: skip
+    """Body of a program of single moves: to the first pose, then motions and welds in order.
+
+    `first_move` writes the move to a pose, `moves` those along a trajectory; `comment` begins a
+    comment, and `wait` takes the weld's seconds.
+    """
+    body: list[str] = []
+    for step in steps(run):
+        if isinstance(step, Weld):
+            if not body:
+                body.append(first_move(step.q_rad))
+            body += [f"{comment} weld {ascii_text(step.stud)}: start the process here",
+                     wait.format(step.time_s)]  # fmt: skip
+            continue
+        item, trajectory = step
+        if not body:
+            body.append(first_move(trajectory.q_rad[0]))
+        body += [f"{comment} motion {title(item)}", *moves(trajectory), f"{comment} end {item.key}"]
+    return body
 
 
 def sampled(trajectory: JointTrajectory, step_s: float) -> tuple[Array, float]:

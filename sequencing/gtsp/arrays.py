@@ -23,7 +23,10 @@ class Arrays:
     scale: float
 
 
-def prepare(form: NormalForm, neighbours: int = 30) -> Arrays:
+NEIGHBOURS = 30
+
+
+def prepare(form: NormalForm) -> Arrays:
     """Tables of a normal form for the heuristics."""
     cost = form.cost
     begins = form.ptr[:-1]
@@ -32,7 +35,7 @@ def prepare(form: NormalForm, neighbours: int = 30) -> Arrays:
     between = np.minimum.reduceat(into, begins, axis=0)
     between = np.minimum(between, between.T)
     np.fill_diagonal(between, np.inf)
-    near = np.argsort(between, axis=1, kind="stable")[:, : min(neighbours, form.num_clusters - 1)]
+    near = np.argsort(between, axis=1, kind="stable")[:, : min(NEIGHBOURS, form.num_clusters - 1)]
     nearest = between.min(axis=1)
     nearest = nearest[nearest < form.penalty / 2]
     scale = float(np.abs(nearest).mean()) if nearest.size else 1.0

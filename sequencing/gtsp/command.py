@@ -15,9 +15,6 @@ from sequencing.gtsp.held_karp import held_karp
 from sequencing.gtsp.normal_form import normal_form
 from sequencing.gtsp.portfolio import solve
 from sequencing.gtsp.problem import GtspProblem
-from sequencing.gtsp.stop import Callback
-
-__all__ = ["run_gtsp_file"]
 
 
 def run_gtsp_file(
@@ -25,7 +22,6 @@ def run_gtsp_file(
     seed: int = 0,
     exact: bool = False,
     effort: str = "normal",
-    callback: Callback | None = None,
 ) -> dict[str, Any]:
     """Solve a `.gtsp` file: {cost, tour (1-based), lower_bound, proven, method, cpu_s}.
 
@@ -37,7 +33,7 @@ def run_gtsp_file(
     _load_kernels(exact)
     begin = time.process_time()
     method = "exact" if exact else "auto"
-    tour = solve(problem, seed=seed, method=method, effort=effort, callback=callback)
+    tour = solve(problem, seed=seed, method=method, effort=effort)
     cpu_s = time.process_time() - begin
     return {
         "cost": _plain(tour.cost),

@@ -13,8 +13,6 @@ from sequencing.gtsp.problem import GtspProblem, Tour
 if TYPE_CHECKING:
     import networkx as nx
 
-__all__ = ["problem_from_graph", "problem_to_graph", "tour_to_graph"]
-
 
 def problem_from_graph(
     graph: nx.Graph, weight: str = "weight", cluster: str = "cluster", **fields: Any

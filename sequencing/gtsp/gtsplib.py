@@ -21,8 +21,6 @@ from dmoc.errors import DmocError, Fault, InputError
 from sequencing.gtsp.problem import GtspProblem
 from sequencing.gtsp.tsplib_metrics import METRICS
 
-__all__ = ["read_gtsplib", "write_gtsplib"]
-
 FORMATS = (
     "FULL_MATRIX",
     "UPPER_ROW",

@@ -11,8 +11,6 @@ from sequencing.gtsp.normal_form import NormalForm, normal_form
 from sequencing.gtsp.problem import GtspProblem
 from sequencing.gtsp.rooted import Rooted, rooted_problems, smallest_first
 
-__all__ = ["held_karp_memory_bytes"]
-
 LARGEST_SUM = 1 << 28
 MEMORY_BYTES = 2 << 30
 LOW = 6  # clusters whose sets share one gathered matrix: the smallest ones, for they are padded

@@ -1,14 +1,13 @@
 """Memetic search (Gutin and Karapetyan 2010): population, order crossover, improvement.
 
 Every offspring inherits a part of one parent and the order of the rest from the other, gets the
-best nodes for its order, sometimes a double bridge, and is improved: by local search ('local',
-the paper's reference 12) or by a short annealed ruin-and-recreate ('ruin', the default, which
-measured better on the same CPU time: see docs/gtsp.md).
+best nodes for its order, sometimes a double bridge, and is improved by a short annealed
+ruin-and-recreate, which measured better on the same CPU time than the local search of the paper's
+reference 12 (docs/gtsp.md).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -63,42 +62,36 @@ def memetic(
     budget: int,
     population: int,
     generator: np.random.Generator,
-    improve: str = "ruin",
-    child_iterations: int = 4000,
-    starts: list[np.ndarray] | None = None,
-    goal: float = -math.inf,
-    report: Report | None = None,
+    child_iterations: int,
+    starts: list[np.ndarray],
+    goal: float,
+    report: Report,
 ) -> list[tuple[float, np.ndarray]]:
     """The final population, best first, as (cost, nodes).
 
-    budget: iterations of ruin and recreate ('ruin') or number of offspring ('local').
-    A third of the budget builds the first population. `goal`: stop at this cost.
+    budget: iterations of ruin and recreate in all; a third of it builds the first population.
+    starts: tours that are members of it. goal: stop at this cost.
     """
     state = stream(generator)
     form = arrays.form
 
     def polish(nodes: np.ndarray, iterations: int, hot: float) -> tuple[float, np.ndarray]:
-        if improve == "local":
-            found, cost = _local(arrays, nodes, state)
-        else:
-            found, cost = ruin_recreate(arrays, iterations, generator, nodes, goal, hot)
-        if report is not None:
-            report(1 if improve == "local" else iterations, found, cost)
+        found, cost = ruin_recreate(arrays, iterations, generator, nodes, goal, hot)
+        report(iterations, found, cost)
         return cost, found
 
-    first = max(1, budget // (3 * population)) if improve == "ruin" else 1
+    first = max(1, budget // (3 * population))
     members: list[tuple[float, np.ndarray]] = []
     spent = 0
     for k in range(population):
-        seeded = starts is not None and k < len(starts)
-        nodes = starts[k] if seeded and starts else insertion_tour(arrays, generator, state)
+        seeded = k < len(starts)
+        nodes = starts[k] if seeded else insertion_tour(arrays, generator, state)
         members.append(polish(nodes, first, 0.3 if seeded else 1.0))
         spent += first
         if members[-1][0] <= goal:
             break
     members.sort(key=lambda member: member[0])
-    step = child_iterations if improve == "ruin" else 1
-    while spent + step <= budget and members[0][0] > goal and len(members) > 1:
+    while spent + child_iterations <= budget and members[0][0] > goal and len(members) > 1:
         i, j = (int(generator.integers(len(members))) for _ in range(2))
         one, two = min(i, j), int(generator.integers(len(members)))
         if one == two:
@@ -108,8 +101,8 @@ def memetic(
         )
         if not form.ordered and generator.random() < MUTATION:
             child = double_bridge(child, generator)
-        _insert(members, polish(child, step, 0.3), population)
-        spent += step
+        _insert(members, polish(child, child_iterations, 0.3), population)
+        spent += child_iterations
     return members
 
 
@@ -123,16 +116,3 @@ def _insert(
     members.append(child)
     members.sort(key=lambda member: member[0])
     del members[population:]
-
-
-def _local(arrays: Arrays, nodes: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, float]:
-    from sequencing.gtsp.local_search_kernel import local_search
-
-    form = arrays.form
-    order = form.cluster[nodes]
-    node = nodes.copy()
-    cost = local_search(
-        form.cost, arrays.turned, arrays.into, arrays.outof, form.ptr, form.before, form.ordered,
-        form.pinned, form.symmetric, state, order, node,
-    )  # fmt: skip
-    return node, float(cost)

@@ -17,9 +17,7 @@ from sequencing.gtsp.pool import diverse, travels
 from sequencing.gtsp.problem import GtspProblem, Tour, as_tours
 from sequencing.gtsp.stop import EFFORTS, Callback, Incumbent, Stop
 
-__all__ = ["solve"]
-
-METHODS = ("auto", "heuristic", "exact", "held-karp", "memetic", "ruin-recreate")
+METHODS = ("auto", "heuristic", "exact", "held-karp", "ruin-recreate")
 PROOF_TOLERANCE = 1e-7
 SMALL_TABLE_BYTES = 4 << 20  # Held–Karp takes milliseconds
 INSTANT_STEPS = 20_000_000  # of Held–Karp: some 20 ms
@@ -44,7 +42,7 @@ def solve(
     seed      same problem, seed and limits: same tour.
     method    'auto': Held–Karp where its table is tiny, else the heuristic;
               'heuristic': memetic with ruin-and-recreate; 'exact': bounded dynamic programming;
-              'held-karp': reference; 'ruin-recreate', 'memetic' (local search): the parts.
+              'held-karp': reference; 'ruin-recreate': one annealed run.
     effort    'quick', 'normal' or 'thorough'.
     initial   tours to start from; those that do not fit the problem are left out.
     pool      number of diverse tours to return in `Tour.pool` (heuristic methods).
@@ -88,7 +86,7 @@ def solve(
         if exact is not None:
             nodes = form.lift(exact)
         return finish(problem, form, nodes, bound, "bounded-dp")
-    name = method if method in ("memetic", "ruin-recreate") else "memetic ruin-and-recreate"
+    name = method if method == "ruin-recreate" else "memetic ruin-and-recreate"
     tour = finish(problem, form, nodes, -math.inf, name)
     if pool > 1 and tour.found:
         return replace(tour, pool=_pool(problem, found, pool, seed))
@@ -160,13 +158,7 @@ def _heuristic(
     if math.isfinite(goal):  # (−inf + inf would be NaN)
         goal += 1e-9 * abs(goal)
     plan = Plan.of(form.num_clusters, effort, limits.iterations)
-    if method == "memetic":
-        offspring = max(2, plan.iterations // 1000)
-        members = memetic(
-            arrays, offspring, max(8, plan.population), generator, "local", starts=start, goal=goal,
-            report=report,
-        )  # fmt: skip
-    elif method == "ruin-recreate" or plan.population < 2:
+    if method == "ruin-recreate" or plan.population < 2:
         nodes, cost = ruin_recreate(
             arrays, plan.iterations, generator, start[0] if start else None, goal,
             0.3 if start else 1.0, report,
@@ -174,9 +166,8 @@ def _heuristic(
         members = [(cost, nodes)]
     else:
         members = memetic(
-            arrays, plan.iterations, plan.population, generator, "ruin", plan.child, start, goal,
-            report,
-        )  # fmt: skip
+            arrays, plan.iterations, plan.population, generator, plan.child, start, goal, report
+        )
     tours = [form.lift(nodes) for _, nodes in members]
     tours += [form.lift(nodes) for nodes in start]  # never worse than what was given
     good = [(admissible_cost(problem, nodes), nodes) for nodes in tours]

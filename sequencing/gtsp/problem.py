@@ -19,9 +19,13 @@ from typing import Any
 
 import numpy as np
 
-from sequencing.gtsp.validation import check_problem, faults_of_tour, frozen_array, precedence_pairs
-
-__all__ = ["GtspProblem", "Tour"]
+from sequencing.gtsp.validation import (
+    check_problem,
+    cluster_labels,
+    faults_of_tour,
+    frozen_array,
+    precedence_pairs,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +78,6 @@ class GtspProblem:
         cls, cost: np.ndarray, clusters: Sequence[Sequence[int]], **fields: Any
     ) -> GtspProblem:
         """Build from lists of nodes, one list a cluster; a node in two lists or none is a fault."""
-        from sequencing.gtsp.validation import cluster_labels
-
         labels = cluster_labels(clusters, np.asarray(cost).shape[0])
         return cls(cost=cost, cluster_of=labels, **fields)
 

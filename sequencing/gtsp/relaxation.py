@@ -53,7 +53,7 @@ class Relaxation:
         """True if no tour is cheaper than the cut."""
         return self.bound >= self.cut
 
-    def walk_phase(self, steps: int = WALK_STEPS) -> None:
+    def walk_phase(self) -> None:
         """Subgradient steps on the walk relaxation, then arc and node removal."""
         from sequencing.gtsp.walk_kernel import walk_trace
 
@@ -64,7 +64,7 @@ class Relaxation:
             value = walk_trace(cost, self.ptr, self.cluster, forward, self.back, visits)
             return value + lam.sum(), visits.copy()
 
-        self._ascend(evaluate, steps)
+        self._ascend(evaluate, WALK_STEPS)
         self._drop_by_walks()
 
     def ng_phase(self, steps: int = NG_STEPS) -> None:

@@ -13,22 +13,20 @@ from matplotlib.figure import Figure
 from dmoc.arrays import Array
 from dmoc.robot import Robot
 from sequencing.run_archive import write_atomic
-from sequencing.run_timeline import Timeline, trajectory_of
-
-__all__ = ["curves_png", "plot_cycle", "write_curves"]
+from sequencing.run_timeline import CycleTimeline, trajectory_of
 
 # Okabe and Ito's palette: told apart with any kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
 _WELD = "#e8e4d8"
 
 
-def write_curves(line: Timeline, robot: Robot, path: Path, title: str = "") -> Path:
+def write_curves(line: CycleTimeline, robot: Robot, path: Path, title: str = "") -> Path:
     """Write the picture of `plot_cycle` as PNG; the bytes depend on the arguments only."""
     write_atomic(path, curves_png(line, robot, title))
     return path
 
 
-def curves_png(line: Timeline, robot: Robot, title: str = "", dpi: int = 110) -> bytes:
+def curves_png(line: CycleTimeline, robot: Robot, title: str = "", dpi: int = 110) -> bytes:
     """PNG bytes of `plot_cycle`."""
     figure = plot_cycle(line, robot, title)
     buffer = io.BytesIO()
@@ -36,7 +34,7 @@ def curves_png(line: Timeline, robot: Robot, title: str = "", dpi: int = 110) ->
     return buffer.getvalue()
 
 
-def plot_cycle(line: Timeline, robot: Robot, title: str = "") -> Figure:
+def plot_cycle(line: CycleTimeline, robot: Robot, title: str = "") -> Figure:
     """Three panels over the cycle: joints between their limits, velocity, torque.
 
     Lines are the common interpolant; in the torque panel the transcription's torque, constant on
@@ -76,7 +74,7 @@ def plot_cycle(line: Timeline, robot: Robot, title: str = "") -> Figure:
     return figure
 
 
-def _sample_times(line: Timeline) -> Array:
+def _sample_times(line: CycleTimeline) -> Array:
     """Times of every knot and three between, and both ends of every segment."""
     parts: list[Any] = []
     for segment in line.segments:
@@ -90,13 +88,13 @@ def _sample_times(line: Timeline) -> Array:
     return np.concatenate(parts) if parts else np.zeros(1)
 
 
-def _shade_welds(axes: Axes, line: Timeline) -> None:
+def _shade_welds(axes: Axes, line: CycleTimeline) -> None:
     for segment in line.segments:
         if segment.kind == "weld":
             axes.axvspan(segment.start_s, segment.end_s, color=_WELD, lw=0, zorder=0)
 
 
-def _name_welds(axes: Axes, line: Timeline) -> None:
+def _name_welds(axes: Axes, line: CycleTimeline) -> None:
     for segment in line.segments:
         if segment.kind == "weld":
             middle = 0.5 * (segment.start_s + segment.end_s)
@@ -107,7 +105,7 @@ def _name_welds(axes: Axes, line: Timeline) -> None:
             )  # fmt: skip
 
 
-def _controls(axes: Axes, line: Timeline, robot: Robot) -> None:
+def _controls(axes: Axes, line: CycleTimeline, robot: Robot) -> None:
     for segment in line.segments:
         if segment.kind != "motion":
             continue

@@ -14,8 +14,6 @@ from dmoc.arrays import Array
 from dmoc.robot import Robot
 from planning.shapes import Body, Shape
 
-__all__ = ["Triangles", "body_triangles", "robot_triangles", "shape_triangles"]
-
 Colour = tuple[int, int, int]
 _PLAIN: Colour = (150, 152, 158)
 

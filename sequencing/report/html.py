@@ -15,8 +15,6 @@ from sequencing.report.tables import markdown_table, number, tables_markdown
 from sequencing.run_archive import write_atomic
 from sequencing.run_files import Run
 
-__all__ = ["report_html", "write_report"]
-
 
 def write_report(run: Run, robot: Robot, path: Path) -> Path:
     """Write `report_html` to `path` in one step and return the path."""
@@ -34,16 +32,18 @@ def report_html(run: Run, robot: Robot) -> str:
     image = base64.b64encode(curves_png(run.timeline, robot)).decode("ascii")
     parts = [
         markdown_html(tables_markdown(result)),
-        "<h2>The cycle</h2>",
-        f"<p>{escape(order_text(run))}</p>",
+        "<h2>The cycle</h2>" if run.planned else "<h2>The motions</h2>",
         f'<img alt="joint position, velocity and torque over the cycle" '
         f'src="data:image/png;base64,{image}">',
-        '<p><a href="scene.html">Moving 3-D scene</a> (scene.html in the same folder)</p>',
-        "<h2>Search</h2>",
-        markdown_html(rounds_table(result)),
-        "<h2>Inputs and versions</h2>",
-        inputs_html(result),
     ]
+    if run.planned:
+        parts.insert(2, f"<p>{escape(order_text(run))}</p>")
+        parts += [
+            '<p><a href="scene.html">Moving 3-D scene</a> (scene.html in the same folder)</p>',
+            "<h2>Search</h2>",
+            markdown_html(rounds_table(result)),
+        ]
+    parts += ["<h2>Inputs and versions</h2>", inputs_html(result)]
     title = escape(f"{run.name}: report")
     return (
         f'<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8"><title>{title}</title>\n'
@@ -75,7 +75,8 @@ def _cell(value: Any) -> str:
 
 def inputs_html(result: dict[str, Any]) -> str:
     """Fingerprints, checksums and versions: what must be equal for the same numbers."""
-    lines = [f"seed {result['seed']}", f"method {result['method']}"]
+    lines = [f"seed {result['seed']}"]
+    lines += [] if result["method"] is None else [f"method {result['method']}"]
     lines += [f"{k} {v}" for k, v in result["inputs"].items() if isinstance(v, str)]
     lines += [f"{name} sha256 {digest}" for name, digest in result["inputs"]["files"].items()]
     lines += [f"{name} {version}" for name, version in result["versions"].items()]

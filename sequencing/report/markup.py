@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from html import escape
 
-__all__ = ["markdown_html"]
-
 
 def markdown_html(text: str) -> str:
     """HTML of headings, paragraphs, pipe tables, dash lists and bold text; all else is escaped.

@@ -7,8 +7,6 @@ from typing import Any
 
 from sequencing.report.tables import markdown_table, number
 
-__all__ = ["measured_markdown"]
-
 # Farther off than this a log is of another motion, or of another robot program.
 STRANGE_RAD = 0.1
 

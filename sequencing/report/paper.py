@@ -6,8 +6,6 @@ import json
 from importlib import resources
 from typing import Any
 
-__all__ = ["paper_tables"]
-
 
 def paper_tables() -> dict[str, Any]:
     """Tables 1 and 2 of the paper: `studs` as [number, alternatives, lowest, highest cost]."""

@@ -12,8 +12,6 @@ from matplotlib.patches import Rectangle
 from dmoc.arrays import Array
 from dmoc.refinement import RefineRecord
 
-__all__ = ["draw_boxes", "draw_clearance", "draw_curve", "three_stages"]
-
 Distance = Callable[[Array], Array]
 
 

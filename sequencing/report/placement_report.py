@@ -15,8 +15,6 @@ from planning.station import Station
 from sequencing.placement import Placement, moved_station
 from sequencing.report.tables import markdown_table, number
 
-__all__ = ["base_block", "placement_entry", "placement_markdown", "placement_png"]
-
 BEST_SHOWN = 10
 
 

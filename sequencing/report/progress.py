@@ -14,8 +14,6 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 if TYPE_CHECKING:
     from sequencing.cycle import PlanEvent
 
-__all__ = ["ProgressText", "plan_progress"]
-
 _PHASES = {
     "alternatives": "finding the alternatives of every stud",
     "estimates": "estimating the edges",

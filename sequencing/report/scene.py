@@ -19,9 +19,7 @@ from planning.station import Station
 from sequencing.report.geometry import Triangles, body_triangles, robot_triangles
 from sequencing.report.scene_frames import frame_times, joint_frames, tip_path
 from sequencing.run_archive import write_atomic
-from sequencing.run_timeline import Timeline
-
-__all__ = ["scene_html", "write_scene"]
+from sequencing.run_timeline import CycleTimeline
 
 _TOOL = (70, 74, 82)
 _PART = (168, 178, 190)
@@ -32,24 +30,25 @@ _UNUSED = (130, 130, 130)
 _FIELD_OF_VIEW_RAD = 0.7
 
 
-def write_scene(station: Station, line: Timeline, path: Path, title: str = "") -> Path:
+def write_scene(station: Station, line: CycleTimeline, path: Path, title: str = "") -> Path:
     """Write `scene_html` to `path` in one step and return the path."""
     write_atomic(path, scene_html(station, line, title))
     return path
 
 
-def scene_html(
-    station: Station, line: Timeline, title: str = "", frames_per_s: float = 25.0,
-    max_frames: int = 4000,
-) -> str:  # fmt: skip
+FRAMES_PER_S = 25.0
+MOST_FRAMES = 4000
+
+
+def scene_html(station: Station, line: CycleTimeline, title: str = "") -> str:
     """A page that plays the cycle in real time and in true size; it needs no network.
 
     Robot links from the URDF, tool bodies on the flange, obstacles with their own meshes, studs
     coloured in the order of welding with their normals, and the path of the tool tip. The picture
-    rate is lowered where a cycle would need more than `max_frames`.
+    rate is lowered where a cycle would need more than `MOST_FRAMES`.
     """
     title = title or station.name
-    times = frame_times(line.duration_s, frames_per_s, max_frames)
+    times = frame_times(line.duration_s, FRAMES_PER_S, MOST_FRAMES)
     # viser announces its server on standard output, which belongs to the command's answer.
     with contextlib.redirect_stdout(io.StringIO()), _server() as server:
         scene = server.scene
@@ -78,14 +77,14 @@ def _server() -> Iterator[Any]:
         server.stop()
 
 
-def _draw_triangles(scene: Any, path: str, item: Triangles, opacity: float | None = None) -> None:
+def _draw_triangles(scene: Any, path: str, item: Triangles) -> None:
     scene.add_mesh_simple(
         path, item.vertices_m.astype(np.float32), item.faces.astype(np.uint32),
-        color=item.colour, flat_shading=True, side="double", opacity=opacity,
+        color=item.colour, flat_shading=True, side="double",
     )  # fmt: skip
 
 
-def _draw_station(scene: Any, station: Station, line: Timeline) -> dict[str, Any]:
+def _draw_station(scene: Any, station: Station, line: CycleTimeline) -> dict[str, Any]:
     """Everything that stands still; returns the heads of the studs by name."""
     scene.add_grid(
         "/floor", width=8.0, height=8.0, cell_size=0.25, section_size=1.0,
@@ -179,7 +178,7 @@ def _set_camera(server: Any, low: Array, high: Array) -> None:
 
 def _record(
     recorder: Any, joints: list[Any], caption: Any, heads: dict[str, Any], robot: Robot,
-    line: Timeline, times: Array,
+    line: CycleTimeline, times: Array,
 ) -> None:  # fmt: skip
     """Write every picture of the cycle: joint frames that changed, caption, welded studs."""
     frames = joint_frames(robot, line.at(times).q_rad)

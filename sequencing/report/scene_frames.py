@@ -8,9 +8,7 @@ import pinocchio as pin
 
 from dmoc.arrays import Array
 from dmoc.robot import Robot
-from sequencing.run_timeline import Timeline, trajectory_of
-
-__all__ = ["frame_times", "joint_frames", "tip_path"]
+from sequencing.run_timeline import CycleTimeline, trajectory_of
 
 
 def frame_times(duration_s: float, frames_per_s: float, max_frames: int) -> Array:
@@ -35,7 +33,7 @@ def joint_frames(robot: Robot, q_rad: Array) -> Array:
 
 
 def tip_path(
-    line: Timeline, robot: Robot, samples: int = 60
+    line: CycleTimeline, robot: Robot, samples: int = 60
 ) -> tuple[Array, npt.NDArray[np.int64]]:
     """Segments (S, 2, 3) [m] of the tip's path and the number (S,) of the motion each is of."""
     pieces, which = [], []

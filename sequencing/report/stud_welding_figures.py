@@ -13,11 +13,6 @@ from sequencing.report.curves import COLOURS
 from sequencing.report.paper import paper_tables
 from sequencing.studies.stud_welding_types import NEAR_PERCENT, StudWeldingStudy
 
-__all__ = [
-    "draw_ablation", "draw_changes", "draw_departures", "draw_old_sequences", "draw_shares",
-    "draw_trade_offs", "draw_weld_costs", "study_figures",
-]  # fmt: skip
-
 BLUE, RED, GREEN, GREY = COLOURS[0], COLOURS[1], COLOURS[2], "0.55"
 
 

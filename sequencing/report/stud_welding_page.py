@@ -15,8 +15,6 @@ from sequencing.report.stud_welding_tables import stud_welding_markdown
 from sequencing.run_archive import csv_text, json_text, write_atomic
 from sequencing.studies.stud_welding_types import StudWeldingStudy
 
-__all__ = ["study_entry", "study_page", "write_study"]
-
 #: Which figure stands under which heading of study.md.
 PLACES = {
     "Table 1": "weld_costs.png", "Table 2": "old_sequences.png", "What each part": "ablation.png",

@@ -16,8 +16,6 @@ from sequencing.report.scene_frames import tip_path
 from sequencing.run_timeline import timeline
 from sequencing.studies.stud_welding_stages import Stages, projected, slice_through
 
-__all__ = ["draw_slice", "draw_stages", "draw_tip_paths"]
-
 
 def draw_tip_paths(axes: Any, cycle: Cycle, colour: str, label: str) -> None:
     """The tool tip's way through the cycle and the studs in their order; `axes` is a 3-D plot."""

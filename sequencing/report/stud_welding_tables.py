@@ -10,8 +10,6 @@ from sequencing.report.tables import markdown_table, number
 from sequencing.studies.stud_welding_ablation import NEW
 from sequencing.studies.stud_welding_types import NEAR_PERCENT, Shares, StudWeldingStudy
 
-__all__ = ["stud_welding_markdown"]
-
 STATION_WORDS = {
     "A": "Station A: short gun (0.30 m), made as a typical one.",
     "B": "Station B: long gun (0.90 m), part lower and further away.",

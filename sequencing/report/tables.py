@@ -1,31 +1,25 @@
-"""tables.md: Tables 1 and 2 beside the paper's, what J consists of, what is assumed."""
+"""tables.md: Tables 1 and 2, what J consists of, what is assumed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sequencing.report.paper import paper_tables
-
-__all__ = ["markdown_table", "tables_markdown"]
-
 Result = Mapping[str, Any]
 
 
 def tables_markdown(result: Result) -> str:
     """The text of tables.md, from the object of result.json alone."""
-    parts = [
-        f"# {result['name']}: tables",
-        headline(result),
-        "## Table 1: alternatives and range of the weld costs",
-        table_1(result),
-        "## Table 2: cost of the cycle, old and new sequence",
-        table_2(result),
-        "## What the travel cost consists of",
-        table_shares(result),
-        "## What is assumed",
-        provenance_text(result),
-    ]
+    parts = [f"# {result['name']}: tables", headline(result)]
+    if result["tables"] is not None:
+        parts += [
+            "## Table 1: alternatives and range of the weld costs",
+            table_1(result),
+            "## Table 2: cost of the cycle, old and new sequence",
+            table_2(result),
+        ]
+    parts += ["## What the travel cost consists of", table_shares(result)]
+    parts += ["## What is assumed", provenance_text(result)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -44,6 +38,11 @@ def number(value: float | None, digits: int = 1) -> str:
 def headline(result: Result) -> str:
     """How big, how safe, how well proven."""
     search, motions = result["search"], result["motions"]
+    if search is None:
+        return (
+            f"{len(motions)} motions without a station, {number(result['duration_s'])} s; "
+            f"{result['certified']} of them are certified free of collision between their knots."
+        )
     text = (
         f"{len(result['welds'])} studs, {result['configurations']} configurations, "
         f"{len(motions)} motions; cycle time {number(result['duration_s'])} s. "
@@ -104,47 +103,24 @@ def gaps(search: Mapping[str, Any]) -> str:
 
 def table_1(result: Result) -> str:
     """Per stud: how many alternatives and what the weld costs in the best and worst of them."""
-    paper = {str(row[0]): row for row in paper_tables()["studs"]}
-    rows = []
-    for place, row in enumerate(result["tables"]["studs"], start=1):
-        published = paper.get(str(place))
-        rows.append([
-            row["stud"], str(row["alternatives"]),
-            f"[{number(row['lowest_cost'], 2)}, {number(row['highest_cost'], 2)}]",
-            "–" if published is None else str(published[1]),
-            "–" if published is None else f"[{published[2]:g}, {published[3]:g}]",
-        ])  # fmt: skip
-    table = markdown_table(
-        ["stud", "alternatives", "weld cost", "paper: alternatives", "paper: cost"], rows
-    )
-    return table + (
-        "\n\nThe paper's station is another one (its robot, gun and part are not published): the "
-        f"columns stand side by side for the pattern, not stud for stud. {_source()}"
-    )
+    rows = [
+        [row["stud"], str(row["alternatives"]),
+         f"[{number(row['lowest_cost'], 2)}, {number(row['highest_cost'], 2)}]"]
+        for row in result["tables"]["studs"]
+    ]  # fmt: skip
+    return markdown_table(["stud", "alternatives", "weld cost"], rows)
 
 
 def table_2(result: Result) -> str:
     """Old sequence (least approximate travel time) against new (least optimal-control cost)."""
-    tables, paper = result["tables"], paper_tables()
-    rows = []
-    for name, ours, theirs in (
-        ("old sequence (time)", tables["time_based"], paper["old_sequence"]),
-        ("new sequence (optimal control)", tables["energy_based"], paper["new_sequence"]),
-    ):
-        rows.append(
-            [name, *(number(ours[key]) for key in ("travel", "welding", "total")),
-             *(number(theirs[key]) for key in ("travel", "welding", "total"))]
-        )  # fmt: skip
-    savings = [
-        [100.0 * (1.0 - new[key] / old[key]) if old[key] else None
-         for key in ("travel", "welding", "total")]
-        for old, new in (
-            (tables["time_based"], tables["energy_based"]),
-            (paper["old_sequence"], paper["new_sequence"]),
-        )
-    ]  # fmt: skip
-    rows.append(["saving %", *(number(x) for x in savings[0]), *(number(x) for x in savings[1])])
-    header = ["", "travel", "welding", "total", "paper: travel", "welding", "total"]
+    tables, parts = result["tables"], ("travel", "welding", "total")
+    old, new = tables["time_based"], tables["energy_based"]
+    savings = [100.0 * (1.0 - new[key] / old[key]) if old[key] else None for key in parts]
+    rows = [
+        ["old sequence (time)", *(number(old[key]) for key in parts)],
+        ["new sequence (optimal control)", *(number(new[key]) for key in parts)],
+        ["saving %", *(number(x) for x in savings)],
+    ]
     totals = tables["time_based_totals"]
     spread = ""
     if len(totals) > 1:
@@ -154,8 +130,8 @@ def table_2(result: Result) -> str:
             "one (of an even number the cheaper of the middle two)."
         )
     return (
-        markdown_table(header, rows)
-        + f"\n\nThe saving depends on the station and on the old sequence.{spread} {_source()}"
+        markdown_table(["", *parts], rows)
+        + f"\n\nThe saving depends on the station and on the old sequence.{spread}"
     )
 
 
@@ -220,7 +196,3 @@ def provenance_text(result: Result) -> str:
     lines += [f"- {key}: {tags[key]}" for key in known]
     return "\n".join([" ".join(lines[: 2 if assumed or not tags else 1]), "",
                       *lines[2 if assumed or not tags else 1 :]]).rstrip()  # fmt: skip
-
-
-def _source() -> str:
-    return f"Paper: {paper_tables()['source']}."

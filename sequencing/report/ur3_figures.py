@@ -14,16 +14,6 @@ from dmoc.motion_metrics import MotionState, motor_current_a, settled
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory, inverse_dynamics
 
-__all__ = [
-    "currents_of",
-    "draw_convergence",
-    "draw_currents",
-    "draw_joints",
-    "draw_sampling",
-    "draw_tip",
-    "streamed",
-]
-
 Curve = BezierMotion | JointTrajectory
 
 

@@ -7,8 +7,6 @@ from typing import Any
 
 from sequencing.report.tables import markdown_table, number
 
-__all__ = ["ur3_markdown"]
-
 Data = Mapping[str, Any]
 
 

@@ -33,13 +33,11 @@ from sequencing.store import EdgeStore
 from sequencing.studies.stud_welding_ablation import NEW, ablation_cycles, ablation_rows
 from sequencing.studies.stud_welding_changes import CHANGES, FEW_CHANGES, price_change
 from sequencing.studies.stud_welding_departure import departure_rows
-from sequencing.studies.stud_welding_model import Bench, Model, open_model, square, travels
+from sequencing.studies.stud_welding_model import Model, StudyBench, open_model, square, travels
 from sequencing.studies.stud_welding_search import from_home, sequence_by
 from sequencing.studies.stud_welding_shares import sharing_out
 from sequencing.studies.stud_welding_trade_offs import trade_off_points
 from sequencing.studies.stud_welding_types import NEAR_PERCENT, StudWeldingStudy
-
-__all__ = ["STATIONS", "Budget", "StudyRun", "run_stud_welding_study", "study_station"]
 
 STATIONS = {"A": "stud_welding_a", "B": "stud_welding_b", "C": "stud_welding_c"}
 
@@ -109,7 +107,7 @@ def run_stud_welding_study(
     cycle = plan_station(
         station, seed=seed, stop=stop, executor=executor, store=store, progress=progress
     )
-    bench = Bench(seed, store, executor, tell)
+    bench = StudyBench(seed, store, executor, tell)
     world = CollisionWorld(station)
     nodes = station_nodes(station, alternatives(station, world))
     model = open_model("nominal", station, nodes, world, bench)
@@ -128,7 +126,7 @@ def run_stud_welding_study(
 
 def _study(
     model: Model, cycle: Cycle, drawn: tuple[TimedSequence, ...], world: CollisionWorld,
-    bench: Bench, limits: Budget, letter: str, reduced: bool,
+    bench: StudyBench, limits: Budget, letter: str, reduced: bool,
 ) -> StudyRun:  # fmt: skip
     edges, home = model.edges, model.nodes.home
     assert isinstance(edges, StationEdges)

@@ -11,8 +11,6 @@ from sequencing.studies.stud_welding_model import Model
 from sequencing.studies.stud_welding_search import best_poses, best_sequence, sequence_by
 from sequencing.studies.stud_welding_types import AblationRow
 
-__all__ = ["ablation_cycles", "ablation_rows", "static_estimate"]
-
 OLD, NEW = "old sequence", "lazy optimal control (new)"
 
 

@@ -18,10 +18,10 @@ from planning.world import CollisionWorld
 from sequencing.cycle_types import CycleCost
 from sequencing.nodes import StationNodes, station_nodes
 from sequencing.studies.stud_welding_friction import with_friction
-from sequencing.studies.stud_welding_kept import keep_row, kept_row, row_key
+from sequencing.studies.stud_welding_kept import keep_row, kept_row, row_key, rows_file
 from sequencing.studies.stud_welding_model import (
-    Bench,
     Model,
+    StudyBench,
     open_model,
     priced_nodes,
     scaled_masses,
@@ -30,8 +30,6 @@ from sequencing.studies.stud_welding_search import Found, best_sequence
 from sequencing.studies.stud_welding_types import ChangeRow
 from sequencing.studies.stud_welding_use import cycle_use
 from sequencing.studies.stud_welding_weights import with_nominal_motions
-
-__all__ = ["CHANGES", "FEW_CHANGES", "Change", "compare_orders", "price_change"]
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ FEW_CHANGES = ("masses × 1.25", "time weight c_t × 10", "departure 5 cm", "fri
 
 def price_change(
     change: Change, nominal: Model, table: Array, old: tuple[int, ...], new: tuple[int, ...],
-    world: CollisionWorld, bench: Bench, limit: int,
+    world: CollisionWorld, bench: StudyBench, limit: int,
 ) -> ChangeRow | None:  # fmt: skip
     """The row of a change; None where no cycle exists under it.
 
@@ -113,7 +111,7 @@ def price_change(
                     new, limit)  # fmt: skip
     station = change.apply(nominal.station)
     key = row_key(change.name, station, table, (old, new), limit, bench.seed)
-    kept = kept_row(bench.store, key)
+    kept = kept_row(rows_file(bench.store), key)
     if kept is not None:
         return kept
     note = ""
@@ -137,7 +135,7 @@ def price_change(
     finally:
         model.edges.close()
     if row is not None:
-        keep_row(bench.store, key, row)
+        keep_row(rows_file(bench.store), key, row)
     return row
 
 

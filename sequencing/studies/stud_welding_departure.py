@@ -17,10 +17,8 @@ from dmoc.motion import Motion, MotionProblem
 from planning.alternative import departure_point
 from planning.departure import LineFunction, with_departure
 from sequencing.store import decode_motion, encode_motion
-from sequencing.studies.stud_welding_model import Bench, Model, travels
+from sequencing.studies.stud_welding_model import Model, StudyBench, travels
 from sequencing.studies.stud_welding_types import DepartureRow
-
-__all__ = ["CHOSEN", "departure_rows", "solve_kept"]
 
 NUM_INTERVALS = 20
 Sequences = Mapping[str, tuple[int, ...]]
@@ -37,7 +35,7 @@ STOP = "retract, stop, travel, stop, approach"
 
 
 def departure_rows(
-    model: Model, sequences: Sequences, new: str, bench: Bench
+    model: Model, sequences: Sequences, new: str, bench: StudyBench
 ) -> tuple[DepartureRow, ...]:
     """Travel cost of every sequence for each way to leave the welds; `new` is the one compared."""
     pairs = sorted({pair for cycle in sequences.values() for pair in canonical(cycle)})
@@ -112,7 +110,7 @@ def _line(model: Model, node: int) -> LineFunction | None:
 
 
 def _stopping(
-    model: Model, pairs: list[tuple[int, int]], bench: Bench
+    model: Model, pairs: list[tuple[int, int]], bench: StudyBench
 ) -> dict[tuple[int, int], float]:
     """Three motions from rest to rest: off the weld, between the lines' ends, onto the weld."""
     robot, cost, nodes = model.station.robot, model.station.cost, model.nodes
@@ -145,7 +143,7 @@ def _end_speed(model: Model, motion: Motion, knots: int) -> float:
     return float(np.linalg.norm(after - before) / (2 * half))
 
 
-def solve_kept(problems: list[MotionProblem], bench: Bench) -> list[Motion]:
+def solve_kept(problems: list[MotionProblem], bench: StudyBench) -> list[Motion]:
     """`dmoc.solve` of every problem, read from the bench's store where it was solved before."""
     keys = [_key(problem) for problem in problems]
     kept = {key: bench.store.get(key) for key in keys}

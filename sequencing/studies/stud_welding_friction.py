@@ -19,8 +19,6 @@ from dmoc.motion import Motion
 from dmoc.trajectory import JointTrajectory
 from sequencing.studies.stud_welding_model import Edges, Model
 
-__all__ = ["FrictionEdges", "friction_cost", "with_friction"]
-
 
 def friction_cost(
     trajectory: JointTrajectory, cost: Cost, drive: DriveParams, factor: float

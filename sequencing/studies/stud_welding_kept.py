@@ -1,4 +1,4 @@
-"""Rows of changed assumptions, kept in the store of solved edges: a resumed study reads them."""
+"""Rows of changed assumptions, kept in a file of the study: a resumed study reads them."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dmoc.arrays import Array
+from dmoc.errors import Fault, InputError
 from planning.station import Station
 from sequencing.cycle_types import CycleCost
 from sequencing.edge_worker import context_fingerprint
+from sequencing.run_archive import write_atomic
 from sequencing.store import EdgeStore
 from sequencing.studies.stud_welding_types import ChangeRow, Use
-
-__all__ = ["keep_row", "kept_row", "row_key"]
 
 # Raised whenever a change of the code changes what a row says.
 ROW_VERSION = 2
@@ -36,19 +37,33 @@ def row_key(
     return digest.hexdigest()
 
 
-def keep_row(store: EdgeStore, key: str, row: ChangeRow) -> None:
-    """Write a row."""
-    store.put(key, json.dumps(asdict(row)).encode())
+def rows_file(store: EdgeStore) -> Path:
+    """The study's file of rows: it lies beside the store of solved edges."""
+    return store.path.with_name("change_rows.json")
 
 
-def kept_row(store: EdgeStore, key: str) -> ChangeRow | None:
+def keep_row(path: Path, key: str, row: ChangeRow) -> None:
+    """Add a row to the file."""
+    write_atomic(path, json.dumps({**_rows(path), key: asdict(row)}, indent=1))
+
+
+def kept_row(path: Path, key: str) -> ChangeRow | None:
     """The row under `key`, if there is one."""
-    payload = store.get(key)
-    if payload is None:
+    data = _rows(path).get(key)
+    if data is None:
         return None
-    data: dict[str, Any] = json.loads(payload)
     for name in ("best", "nominal", "old"):
         data[name] = None if data[name] is None else CycleCost(**data[name])
     for name in ("best_use", "nominal_use"):
         data[name] = None if data[name] is None else Use(**data[name])
     return ChangeRow(**{**data, "order": tuple(data["order"])})
+
+
+def _rows(path: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+    except ValueError as error:
+        raise InputError(
+            Fault("rows-damaged", file=str(path), value=str(error), legal="the rows of a study",
+                  fix="remove the file; its rows are priced again")
+        ) from error  # fmt: skip

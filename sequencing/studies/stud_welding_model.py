@@ -24,20 +24,9 @@ from sequencing.edges import StationEdges
 from sequencing.nodes import StationNodes
 from sequencing.store import EdgeStore
 
-__all__ = [
-    "Bench",
-    "Edges",
-    "Model",
-    "open_model",
-    "priced_nodes",
-    "scaled_masses",
-    "square",
-    "travels",
-]
-
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class StudyBench:
     """What all parts of the study share: seed, store of solved edges, executor, progress."""
 
     seed: int
@@ -97,7 +86,7 @@ def travels(nodes: tuple[int, ...]) -> np.ndarray:
 
 
 def open_model(
-    name: str, station: Station, nodes: StationNodes, world: CollisionWorld, bench: Bench
+    name: str, station: Station, nodes: StationNodes, world: CollisionWorld, bench: StudyBench
 ) -> Model:
     """Edges of `station` between `nodes`, before anything is trained; close `edges` when done."""
     edges = StationEdges(

@@ -18,8 +18,6 @@ from sequencing.gtsp.stop import Stop
 from sequencing.lazy import LazyStop, solve_lazily
 from sequencing.studies.stud_welding_model import Model, travels
 
-__all__ = ["Found", "TableOracle", "best_poses", "best_sequence", "sequence_by"]
-
 MAX_REPAIRS = 30
 #: Enough to close the gap on small stations; on large ones the gap stays conditional on less.
 EXACT_STATES = 20_000

@@ -7,11 +7,10 @@ change; the parts then add up to the saving exactly, and none is favoured.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from math import factorial
 
-from dmoc.trajectory import JointTrajectory
 from sequencing.studies.stud_welding_model import Model
 from sequencing.studies.stud_welding_types import Shares
 from sequencing.studies.stud_welding_use import (
@@ -19,8 +18,6 @@ from sequencing.studies.stud_welding_use import (
     full_speed_cost,
     trajectories_of,
 )
-
-__all__ = ["shapley", "sharing_out"]
 
 SAME_MOTIONS = "both sequences with optimal motions (as in Table 2)"
 FAST_MOTIONS = "old sequence at full speed along its paths, new one with optimal motions"
@@ -59,7 +56,6 @@ def sharing_out(
     model: Model,
     olds: Sequence[tuple[int, ...]],
     new: tuple[int, ...],
-    speed_up: Callable[[Model, JointTrajectory], JointTrajectory] = at_full_speed,
 ) -> tuple[Shares, ...]:
     """Shares of poses and order, and of poses, order and motions, from old to `new`.
 
@@ -80,7 +76,7 @@ def sharing_out(
         three = (*parts, "motions")
         table = {}
         for key, cycle in mixed.items():
-            fast = [speed_up(model, curve) for curve in trajectories_of(model, cycle)]
+            fast = [at_full_speed(model, curve) for curve in trajectories_of(model, cycle)]
             cost = costs[key]
             assert cost is not None
             table[key] = full_speed_cost(model, fast) + cost.welding

@@ -17,8 +17,6 @@ from planning.station import Station
 from planning.world import CollisionWorld
 from sequencing.cycle_types import Cycle, CycleMotion
 
-__all__ = ["Stages", "projected", "refine_in_stages", "slice_through", "tightest_motion"]
-
 
 @dataclass(frozen=True)
 class Stages:

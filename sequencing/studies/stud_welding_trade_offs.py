@@ -10,8 +10,6 @@ from sequencing.studies.stud_welding_model import Model
 from sequencing.studies.stud_welding_types import ChangeRow, TradeOff, Use
 from sequencing.studies.stud_welding_use import at_full_speed, cycle_use, trajectories_of
 
-__all__ = ["mark_front", "trade_off_points"]
-
 
 def trade_off_points(
     model: Model, old: tuple[int, ...], new: tuple[int, ...], changes: Sequence[Change],

@@ -10,17 +10,6 @@ from typing import Literal
 
 from sequencing.cycle_types import CycleCost, StudRow
 
-__all__ = [
-    "NEAR_PERCENT",
-    "AblationRow",
-    "ChangeRow",
-    "DepartureRow",
-    "Shares",
-    "StudWeldingStudy",
-    "TradeOff",
-    "Use",
-]
-
 #: Sequences whose travel time is this much [%] above the least are as good to the old method.
 NEAR_PERCENT = 1.0
 

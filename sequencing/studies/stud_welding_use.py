@@ -15,8 +15,6 @@ from dmoc.trajectory import JointPath, JointTrajectory
 from sequencing.studies.stud_welding_model import Model, travels
 from sequencing.studies.stud_welding_types import Use
 
-__all__ = ["at_full_speed", "cycle_use", "full_speed_cost", "trajectories_of"]
-
 SAMPLES_PER_INTERVAL = 4
 PATH_POINTS = 61
 
@@ -41,9 +39,7 @@ def cycle_use(
         moving += curve.duration_s
         grid = np.linspace(curve.t_s[0], curve.t_s[-1],
                            SAMPLES_PER_INTERVAL * curve.num_intervals + 1)  # fmt: skip
-        state = JointTrajectory(
-            curve.t_s, curve.q_rad, curve.velocity_rad_s, curve.torque_nm, robot
-        ).sample(grid)
+        state = curve.on(robot).sample(grid)
         power = electrical_power_w(
             state.velocity_rad_s, state.acceleration_rad_s2, state.torque_nm, drive
         ).sum(axis=1)

@@ -15,8 +15,6 @@ from dmoc.cost import Cost
 from dmoc.motion import Motion
 from sequencing.studies.stud_welding_model import Edges, Model
 
-__all__ = ["WeightEdges", "with_nominal_motions"]
-
 
 class WeightEdges:
     """The edges of `model`, or those of `nominal` where they cost less under the model's weights.

@@ -35,8 +35,6 @@ from sequencing.studies.ur3_reference import free_form
 from sequencing.studies.ur3_sweeps import duration_sweep, obstacle_sweep, payload_sweep
 from sequencing.studies.ur3_world import tabletop_world
 
-__all__ = ["PAPER_SAVING_PERCENT", "WHAT_THE_METRIC_MEASURES", "run_ur3_study"]
-
 #: Table 2 of the paper.
 PAPER_SAVING_PERCENT = {"A": 23.0, "B": 37.0, "C": 10.0, "D": 16.0}
 

@@ -22,18 +22,6 @@ from planning.world import CollisionWorld
 from sequencing.studies.ur3_moves import Move, movej
 from sequencing.studies.ur3_world import avoid_in, forbidden_in, touches
 
-__all__ = [
-    "ENERGIES",
-    "Found",
-    "Setting",
-    "base_energy_j",
-    "case_report",
-    "judge",
-    "saving",
-    "solve_case",
-    "viscous_floor_j",
-]
-
 #: Metrics that every motion is judged in [J].
 ENERGIES = ("energy", "iv_signed", "iv_absolute")
 

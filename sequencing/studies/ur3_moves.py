@@ -18,8 +18,6 @@ from dmoc.trajectory import JointTrajectory
 from dmoc.trapezoid import trapezoid_motion
 from planning.world import CollisionWorld
 
-__all__ = ["CLASSES", "Move", "movej", "paper_moves", "random_moves"]
-
 CLASSES = ("A", "B", "C", "D")
 
 #: What URScript's movej takes when nothing is given [rad/s²].
@@ -94,8 +92,7 @@ def movej(move: Move, robot: Robot, duration_s: float) -> JointTrajectory:
     reach = acceleration * duration_s
     speed = 0.5 * (reach - np.sqrt(reach * reach - 4.0 * acceleration * distance))
     paced = robot.with_limits(velocity_limit_rad_s=speed, acceleration_limit_rad_s2=acceleration)
-    slow = trapezoid_motion(paced, move.start_rad, move.goal_rad, num_intervals=60)
-    return JointTrajectory(slow.t_s, slow.q_rad, slow.velocity_rad_s, slow.torque_nm, robot)
+    return trapezoid_motion(paced, move.start_rad, move.goal_rad, num_intervals=60).on(robot)
 
 
 Pair = tuple[Array, Array]

@@ -17,11 +17,11 @@ from sequencing.studies.ur3_case import Setting
 from sequencing.studies.ur3_moves import Move
 from sequencing.studies.ur3_world import touches
 
-__all__ = ["free_form"]
+INTERVALS = 40
 
 
 def free_form(
-    move: Move, best: BezierResult, setting: Setting, num_intervals: int = 40
+    move: Move, best: BezierResult, setting: Setting
 ) -> tuple[dict[str, Any], JointTrajectory | None, float]:
     """Optimal control from the best Bézier motion, same end velocities; report, curve, CPU [s].
 
@@ -35,14 +35,14 @@ def free_form(
     first, last = best.motion.end_velocity_rad_s
     problem = MotionProblem(
         robot, move.start_rad, move.goal_rad, ElectricalCost(time=0.0, torque_smoothing=1e-3),
-        num_intervals, first, last, setting.duration_s,
+        INTERVALS, first, last, setting.duration_s,
     )  # fmt: skip
-    knots = best.motion.trajectory(robot, num_intervals)
+    knots = best.motion.trajectory(robot, INTERVALS)
     motion = solve(problem, SolveParams(max_iterations=500), guess_from_trajectory(problem, knots))
     report: dict[str, Any] = {
         "status": motion.status.value,
         "iterations": motion.iterations,
-        "num_intervals": num_intervals,
+        "num_intervals": INTERVALS,
         "programme_j": motion.cost,
         "max_defect": motion.max_defect,
         "bezier_j": best.value,

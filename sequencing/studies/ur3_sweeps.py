@@ -15,8 +15,6 @@ from sequencing.studies.ur3_case import Setting, base_energy_j, saving
 from sequencing.studies.ur3_moves import Move, movej
 from sequencing.studies.ur3_world import avoid_in, box, forbidden_in, tabletop_world, touches
 
-__all__ = ["DURATIONS_S", "PAYLOADS_KG", "duration_sweep", "obstacle_sweep", "payload_sweep"]
-
 PAYLOADS_KG = (0.0, 1.0, 2.0, 3.0)
 DURATIONS_S = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0)
 

@@ -14,8 +14,6 @@ from dmoc.trajectory import JointTrajectory
 from planning.shapes import Body, Shape
 from planning.world import CollisionWorld, world_for
 
-__all__ = ["avoid_in", "box", "forbidden_in", "tabletop_world", "touches"]
-
 #: Curves in a search keep this distance at their samples [m].
 SEARCH_CLEARANCE_M = 0.005
 
@@ -45,12 +43,15 @@ def forbidden_in(world: CollisionWorld) -> Callable[[Array], npt.NDArray[np.bool
     return forbidden
 
 
+PRICE = 2e6
+
+
 def avoid_in(
-    world: CollisionWorld, margin_m: float = 0.015, price: float = 2e6
+    world: CollisionWorld, margin_m: float = 0.015
 ) -> Callable[[Array], tuple[Array, Array]]:
     """Price·(margin − d)² per pair nearer than the margin, and its gradient, for samples (K, n).
 
-    `price` is in units of the metric per second and square metre. Zero at margin and beyond.
+    The price is in units of the metric per second and square metre. Zero at margin and beyond.
     """
     clearance = world.clearance(tracking_error_m=0.0)
 
@@ -58,8 +59,8 @@ def avoid_in(
         rows = clearance.rows(q, margin_m)
         gap = np.maximum(margin_m - rows.distance_m, 0.0)
         rate, slope = np.zeros(len(q)), np.zeros_like(q)
-        np.add.at(rate, rows.knot, price * gap * gap)
-        np.add.at(slope, rows.knot, -2.0 * price * gap[:, None] * rows.gradient)
+        np.add.at(rate, rows.knot, PRICE * gap * gap)
+        np.add.at(slope, rows.knot, -2.0 * PRICE * gap[:, None] * rows.gradient)
         return rate, slope
 
     return avoid

@@ -19,8 +19,6 @@ from planning.pieces import Mounted, Piece, piece_of
 from planning.robot_bodies import link_bodies, tool_mounts
 from planning.shapes import Body, Shape
 
-__all__ = ["ArmShapes", "arm_shapes", "body_shapes", "coal_solid", "moving_shapes"]
-
 
 @dataclass(frozen=True, eq=False)
 class ArmShapes:

@@ -9,20 +9,16 @@ from typing import Any
 from pydantic import ValidationError
 
 from dmoc.errors import InputError
-from dmoc.yaml_file import FieldPath, read_yaml
+from dmoc.yaml_file import FieldPath, InputFaults, read_yaml
 from planning.shapes import Body
 from planning.station_file import RobotEntry, faults_of
 from planning.station_parts import build_obstacle, build_robot, build_tool
-from sequencing.timing.cell_faults import CellFaults
 from sequencing.timing.cell_file import CellFile, CellRobotEntry
-from sequencing.timing.cell_types import Cell, CellRobot
+from sequencing.timing.cell_types import Cell, CellRobot, in_order, predecessors
 from sequencing.timing.dc_link import LinkParams
 from sequencing.timing.loads import with_loads
 from sequencing.timing.run_robot import robot_from_run
-from sequencing.timing.slack import slack_graph
 from sequencing.timing.trajectory_files import read_trajectories
-
-__all__ = ["Cell", "CellRobot", "load_cell"]
 
 
 def load_cell(path: str | Path) -> Cell:
@@ -35,7 +31,7 @@ def load_cell(path: str | Path) -> Cell:
         entry = CellFile.model_validate(tree.data)
     except ValidationError as error:
         raise InputError(faults_of(error, tree, str(file))) from error
-    build = CellFaults(file, tree)
+    build = InputFaults(file, tree)
     robots = tuple(
         robot
         for k, item in enumerate(entry.robots)
@@ -63,9 +59,8 @@ def load_cell(path: str | Path) -> Cell:
     if build.faults or links is None:
         raise InputError(build.faults)
     handovers = _handovers(entry, robots, build)
-    # Hand-overs that wait for each other in a circle are found by building the graph.
-    durations = [[t.duration_s for t in robot.trajectories] for robot in robots]
-    build.attempt(("handovers",), lambda: slack_graph(durations, handovers))
+    sizes = [len(robot.trajectories) for robot in robots]
+    build.attempt(("handovers",), lambda: in_order(predecessors(sizes, handovers)))
     if build.faults:
         raise InputError(build.faults)
     return Cell(
@@ -75,7 +70,7 @@ def load_cell(path: str | Path) -> Cell:
 
 
 def _robot_maker(
-    build: CellFaults, entry: CellRobotEntry, k: int
+    build: InputFaults, entry: CellRobotEntry, k: int
 ) -> Callable[[], CellRobot | None]:
     def make() -> CellRobot | None:
         field: FieldPath = ("robots", k)
@@ -118,7 +113,7 @@ def _link(entry: CellFile) -> LinkParams:
 
 
 def _link_groups(
-    entry: CellFile, names: list[str], build: CellFaults
+    entry: CellFile, names: list[str], build: InputFaults
 ) -> tuple[tuple[int, ...], int]:
     shared: Any = entry.link.shared
     if shared is True:
@@ -135,7 +130,7 @@ def _link_groups(
 
 
 def _handovers(
-    entry: CellFile, robots: tuple[CellRobot, ...], build: CellFaults
+    entry: CellFile, robots: tuple[CellRobot, ...], build: InputFaults
 ) -> tuple[tuple[int, int], ...]:
     first, at = {}, 0
     size = {robot.name: len(robot.trajectories) for robot in robots}

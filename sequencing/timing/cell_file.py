@@ -8,8 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from planning.station_file import ObstacleEntry, PoseEntry, ToolEntry
 
-__all__ = ["CellFile", "CellRobotEntry", "HandoverEntry", "LinkEntry", "LoadEntry", "cell_schema"]
-
 Volts = Annotated[float, Field(allow_inf_nan=False, ge=10, le=5000)]
 NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.-]+$")]

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from dmoc.errors import Fault, ProblemError
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from planning.shapes import Body
 from sequencing.timing.dc_link import LinkParams
-
-__all__ = ["Cell", "CellRobot"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,3 +75,42 @@ class Cell:
         """(robot, its own count) of a trajectory's number."""
         robot = max(r for r, first in enumerate(self.first[:-1]) if first <= number)
         return robot, number - self.first[robot]
+
+
+def predecessors(sizes: Sequence[int], handovers: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """What each trajectory waits for: the one before it of its robot, and hand-overs to it."""
+    preds: list[list[int]] = [[] for _ in range(sum(sizes))]
+    at = 0
+    for size in sizes:
+        for k in range(at + 1, at + size):
+            preds[k].append(k - 1)
+        at += size
+    for source, target in handovers:
+        if source not in preds[target]:
+            preds[target].append(source)
+    return preds
+
+
+def in_order(preds: list[list[int]]) -> list[int]:
+    """The trajectories, each after what it waits for; a circle raises `ProblemError`."""
+    waiting = [len(p) for p in preds]
+    after: list[list[int]] = [[] for _ in preds]
+    for k, row in enumerate(preds):
+        for p in row:
+            after[p].append(k)
+    ready = [k for k, count in enumerate(waiting) if count == 0]
+    order = []
+    while ready:
+        k = ready.pop()
+        order.append(k)
+        for s in after[k]:
+            waiting[s] -= 1
+            if waiting[s] == 0:
+                ready.append(s)
+    if len(order) < len(preds):
+        stuck = [k for k, count in enumerate(waiting) if count > 0]
+        raise ProblemError(
+            Fault("handover-circle", "", "handovers", f"trajectories {stuck[:8]}",
+                  "no circle of waiting", "remove one hand-over of the circle")
+        )  # fmt: skip
+    return order

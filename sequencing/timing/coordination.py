@@ -20,8 +20,6 @@ from sequencing.timing.quadtree import block_motion, num_levels, push_quarters
 from sequencing.timing.segment_distance import segment_distance
 from sequencing.timing.swept import SweptPath
 
-__all__ = ["CELLS", "CoordinationMap", "coordination_map"]
-
 CELLS = 64
 
 

@@ -16,8 +16,6 @@ import numpy as np
 from dmoc.jit import njit
 from sequencing.timing.coordination import CoordinationMap
 
-__all__ = ["Crossings", "PairMaps"]
-
 FREE, UNKNOWN = -1, -2
 
 
@@ -163,18 +161,15 @@ class Crossings:
         self.pairs, self.duration_s, self.total_s = pairs, duration_s, total_s
         self.held_s = dict(held_s or {})
 
-    def collisions(
-        self, start_s: np.ndarray, override: np.ndarray, most: int = 10_000
-    ) -> list[tuple[int, int]]:
+    def collisions(self, start_s: np.ndarray, override: np.ndarray) -> list[tuple[int, int]]:
         """Pairs of trajectories (a, b), of two robots, that may meet; [] proves the timing free."""
         start, speed = self._hold(np.array([[start_s, override]], dtype=float))[0]
         pairs: set[tuple[int, int]] = set()
         for pair in self.pairs:
-            room = pair.index.size if most > 1 else 1
-            found = np.empty((room, 2), dtype=np.int64)
+            found = np.empty((pair.index.size, 2), dtype=np.int64)
             count = self._check(pair, start, speed, found)
             pairs |= {(int(a), int(b)) for a, b in found[:count]}
-        return sorted(pairs)[:most]
+        return sorted(pairs)[:10_000]
 
     def free(self, timing: np.ndarray) -> np.ndarray:
         """(P,) True where timing (P, 2, S) touches free cells only."""

@@ -30,8 +30,6 @@ import numpy as np
 from dmoc.errors import Fault, InputError
 from dmoc.jit import njit
 
-__all__ = ["LinkParams", "LinkRun", "energy_price", "simulate_clip", "simulate_hysteresis"]
-
 
 @dataclass(frozen=True)
 class LinkParams:
@@ -208,19 +206,18 @@ def hysteresis_kernel(
         stored[k + 1] = w
 
 
-def simulate_clip(drawn_j: np.ndarray, link: LinkParams, start_j: float | None = None) -> LinkRun:
-    """Run the clip model over the energies drawn per step (K,) [J]; starts at W_min by default."""
+def simulate_clip(drawn_j: np.ndarray, link: LinkParams) -> LinkRun:
+    """Run the clip model over the energies drawn per step (K,) [J]; starts at W_min."""
     drawn = np.ascontiguousarray(drawn_j, dtype=float)
-    start = link.min_energy_j if start_j is None else float(start_j)
     grid, chopper = np.empty_like(drawn), np.empty_like(drawn)
     stored = np.empty(drawn.size + 1)
-    clip_kernel(drawn, link.min_energy_j, link.max_energy_j, start, grid, chopper, stored)
+    clip_kernel(
+        drawn, link.min_energy_j, link.max_energy_j, link.min_energy_j, grid, chopper, stored
+    )
     return _run(grid, chopper, stored, link)
 
 
-def simulate_hysteresis(
-    drawn_j: np.ndarray, step_s: float, link: LinkParams, start_j: float | None = None
-) -> LinkRun:
+def simulate_hysteresis(drawn_j: np.ndarray, step_s: float, link: LinkParams) -> LinkRun:
     """Run the switched-resistor model, power constant within a step of `step_s` [s].
 
     Between events the capacitor's energy has a closed form, so the step size only limits how
@@ -228,13 +225,21 @@ def simulate_hysteresis(
     `chopper_v`, as it would.
     """
     drawn = np.ascontiguousarray(drawn_j, dtype=float)
-    start = link.min_energy_j if start_j is None else float(start_j)
     grid, chopper = np.empty_like(drawn), np.empty_like(drawn)
     stored = np.empty(drawn.size + 1)
     off = 0.5 * link.capacitance_f * link.chopper_off_v**2
     rate = 2.0 / (link.chopper_ohm * link.capacitance_f)
     hysteresis_kernel(
-        drawn, step_s, link.min_energy_j, link.max_energy_j, off, rate, start, grid, chopper, stored
+        drawn,
+        step_s,
+        link.min_energy_j,
+        link.max_energy_j,
+        off,
+        rate,
+        link.min_energy_j,
+        grid,
+        chopper,
+        stored,
     )
     return _run(grid, chopper, stored, link)
 

@@ -22,8 +22,6 @@ from sequencing.timing.quadtree import block_motion, num_levels, push_quarters
 from sequencing.timing.segment_distance import segment_distance
 from sequencing.timing.swept import SweptPath
 
-__all__ = ["ExactPair", "free_blocks", "pack_pair", "solid_poses"]
-
 
 @dataclass(frozen=True, eq=False)
 class ExactPair:

@@ -28,8 +28,6 @@ from sequencing.timing.strategies import (
     window_result,
 )
 
-__all__ = ["FirstLevel", "first_level"]
-
 _QUICK = SearchParams(method="gradient", scattered=96, gradient_starts=3, gradient_iterations=30)
 _MOST_WINDOWS = 1200  # valued for one order
 _MOST_ORDERS = 5_000  # enumerated; more are searched

@@ -16,8 +16,6 @@ from sequencing.timing.cell_types import Cell, CellRobot
 from sequencing.timing.prepared import PreparedCell
 from sequencing.timing.strategies import Timing
 
-__all__ = ["Jobs", "in_given_numbers", "in_order", "jobs_of", "rearranged"]
-
 _SAME_RAD = 1e-3
 
 

@@ -14,27 +14,23 @@ import numpy as np
 
 from sequencing.run_archive import write_atomic
 
-__all__ = ["write_joined_cell"]
-
 
 def write_joined_cell(
     folder: Path | str,
     left_run: Path | str,
     right_run: Path | str,
     distance_m: float = 5.4,
-    offset_m: float = 0.15,
-    capacitance_f: float = 6e-3,
 ) -> Path:
     """Write `cell.yaml` into `folder`: the right station turned round, `distance_m` in front.
 
-    `offset_m` shifts it sideways, so that the two homes do not point at each other. Each motion is
+    15 cm shift it sideways, so that the two homes do not point at each other. Each motion is
     certified against its own station's part and fixtures; `schedule` checks robots and tools
     against each other and against the other station's part and fixtures.
     """
     out = Path(folder)
     out.mkdir(parents=True, exist_ok=True)
     paths = [os.path.relpath(Path(run).resolve(), out.resolve()) for run in (left_run, right_run)]
-    place = np.array([distance_m, offset_m, 0.0]).tolist()
+    place = np.array([distance_m, 0.15, 0.0]).tolist()
     text = f"""# Two planned stud-welding stations facing each other on one DC link.
 schema_version: 1
 name: joined_stations
@@ -45,7 +41,7 @@ robots:
   - name: right
     run: {paths[1]}
     base: {{position_m: {place}, quaternion_xyzw: [0.0, 0.0, 1.0, 0.0]}}
-link: {{capacitance_f: {capacitance_f}, voltage_v: 560.0, chopper_v: 760.0, shared: true}}
+link: {{capacitance_f: 0.006, voltage_v: 560.0, chopper_v: 760.0, shared: true}}
 """
     write_atomic(out / "cell.yaml", text)
     return out / "cell.yaml"

@@ -87,17 +87,19 @@ def least_times(
     return found[0], found[1]
 
 
+MOST_MOVES = 150_000
+
+
 def moves_of(
     durations_s: Sequence[Sequence[float]],
     need: np.ndarray,
     ahead: np.ndarray,
     behind: np.ndarray,
     limit: float,
-    most_moves: int = 150_000,
 ) -> tuple[Moves, bool]:
     """Every point on some way of at most `limit` seconds, with its moves on such ways; True.
 
-    Where that may be more than `most_moves`, only points next to one quickest way; False.
+    Where that may be more than `MOST_MOVES`, only points next to one quickest way; False.
     """
     counts = tuple(len(row) for row in durations_s)
     robots = range(len(counts))
@@ -118,7 +120,7 @@ def moves_of(
         return rows
 
     useful = np.flatnonzero(ahead + behind <= limit)
-    whole = useful.size * len(steps) <= most_moves
+    whole = useful.size * len(steps) <= MOST_MOVES
     if whole:
         points = [tuple(map(int, np.unravel_index(k, ahead.shape))) for k in useful]
     else:

@@ -9,11 +9,9 @@ import numpy as np
 
 from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory, inverse_dynamics
-from planning.station_parts import Refuse
+from dmoc.yaml_file import Refuse
 from sequencing.timing.cell_file import LoadEntry
 from sequencing.timing.cell_types import CellRobot
-
-__all__ = ["with_loads"]
 
 
 def with_loads(robot: CellRobot, loads: Sequence[LoadEntry], refuse: Refuse) -> CellRobot:
@@ -44,9 +42,8 @@ def with_loads(robot: CellRobot, loads: Sequence[LoadEntry], refuse: Refuse) -> 
 def _carried(trajectory: JointTrajectory, arm: Robot) -> JointTrajectory:
     """The same motion with the torques of `arm` at the middles of its intervals."""
     t = trajectory.t_s
-    bare = JointTrajectory(t, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm)
-    state = bare.sample(0.5 * (t[1:] + t[:-1]))
+    state = trajectory.on(None).sample(0.5 * (t[1:] + t[:-1]))
     torque = inverse_dynamics(
         arm.model, state.q_rad, state.velocity_rad_s, state.acceleration_rad_s2
     )
-    return JointTrajectory(t, trajectory.q_rad, trajectory.velocity_rad_s, torque, arm)
+    return replace(trajectory, torque_nm=torque, robot=arm)

@@ -18,9 +18,7 @@ from scipy.optimize import minimize as scipy_minimize
 
 from dmoc.swarm import SwarmParams, minimise
 from sequencing.timing.slack import SlackGraph, decode, decode_batch, pull_back
-from sequencing.timing.timeline import Timeline, coarser, cost_and_gradient, cost_batch
-
-__all__ = ["DEFAULT_SEARCH", "FreeCheck", "SearchParams", "TimingResult", "optimise_timing"]
+from sequencing.timing.timeline import CellTimeline, coarser, cost_and_gradient, cost_batch
 
 FreeCheck = Callable[[np.ndarray], np.ndarray]
 """(P, 2, S) starts and overrides -> (P,) True where the schedule is free of collisions."""
@@ -63,7 +61,7 @@ class TimingResult:
 
 
 def optimise_timing(
-    line: Timeline,
+    line: CellTimeline,
     graph: SlackGraph,
     seed: int,
     free: FreeCheck | None = None,
@@ -104,7 +102,7 @@ def optimise_timing(
 class _Search:
     """Book-keeping of one search: the best allowed point and the count of evaluations."""
 
-    def __init__(self, line: Timeline, graph: SlackGraph, free: FreeCheck | None) -> None:
+    def __init__(self, line: CellTimeline, graph: SlackGraph, free: FreeCheck | None) -> None:
         self.line, self.graph, self.free = line, graph, free
         self.coarse = coarser(line, _COARSE)
         self.size = graph.duration_s.size

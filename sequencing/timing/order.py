@@ -20,8 +20,6 @@ import numpy as np
 from dmoc.errors import Fault, ProblemError
 from sequencing.timing.lattice import band, least_times, moves_of, needs_of
 
-__all__ = ["Alignment", "align", "order_exact", "order_search"]
-
 Handover = tuple[tuple[int, int], tuple[int, int]]
 WindowCost = Callable[[tuple[int, ...], tuple[int, ...]], float]
 """Energy [J] of a window; `state` counts what each robot has done, `move` (0 or 1) who runs now."""
@@ -45,27 +43,31 @@ class Alignment:
     valued: int
 
 
+MOST_POINTS = 2_000_000  # of a lattice
+MOST_ORDERS = 20_000  # that are enumerated
+EXCHANGES = 4000
+
+
 def align(
     durations_s: Sequence[Sequence[float]],
     cost: WindowCost,
     handovers: Sequence[Handover] = (),
     total_s: float | None = None,
     most_windows: int = 1500,
-    most_points: int = 2_000_000,
 ) -> Alignment:
     """The cheapest sequence of windows that lasts at most `total_s` (None: any time).
 
     A window lasts as long as its longest trajectory. `handovers` are ((robot, k), (robot, k))
     pairs; the second may only run in a later window. Raises `ProblemError` where the lattice has
-    more than `most_points` points or more than six robots, where no alignment keeps the
+    more than `MOST_POINTS` points or more than six robots, where no alignment keeps the
     hand-overs, or where none is quick enough.
     """
     counts = tuple(len(row) for row in durations_s)
     points = int(np.prod([n + 1 for n in counts], dtype=float))
-    if points > most_points or len(counts) > _MOST_ROBOTS:
+    if points > MOST_POINTS or len(counts) > _MOST_ROBOTS:
         raise ProblemError(
             Fault("lattice-size", "", "durations_s", f"{points} points, {len(counts)} robots",
-                  f"<= {most_points} points, <= {_MOST_ROBOTS} robots",
+                  f"<= {MOST_POINTS} points, <= {_MOST_ROBOTS} robots",
                   "align fewer trajectories at a time")
         )  # fmt: skip
     need = needs_of(counts, handovers)
@@ -148,18 +150,19 @@ def _best_labels(labels: list, any_time: bool) -> list:
 Orders = tuple[tuple[int, ...], ...]
 
 
-def order_exact(
-    jobs: Sequence[int], cost: Callable[[Orders], float], most: int = 20_000
-) -> tuple[Orders, float]:
+def order_exact(jobs: Sequence[int], cost: Callable[[Orders], float]) -> tuple[Orders, float]:
     """The cheapest of all orders of each robot's jobs (1 where a robot's order is given).
 
     `cost` maps one order per robot to joules, inf where it is forbidden; proven by enumeration.
-    The given order comes first and is kept among equals. Raises `ProblemError` beyond `most`.
+    The given order comes first and is kept among equals. More than `MOST_ORDERS` raise
+    `ProblemError`.
     """
     total = count_orders(jobs)
-    if total > most:
+    if total > MOST_ORDERS:
         raise ProblemError(
-            Fault("orders", "", "jobs", f"{total:.0f} orders", f"<= {most}", "use order_search")
+            Fault(
+                "orders", "", "jobs", f"{total:.0f} orders", f"<= {MOST_ORDERS}", "use order_search"
+            )
         )
     best: Orders = tuple(tuple(range(n)) for n in jobs)
     value = cost(best)
@@ -179,7 +182,6 @@ def order_search(
     jobs: Sequence[int],
     cost: Callable[[Orders], float],
     seed: int,
-    rounds: int = 4000,
     start: Orders | None = None,
 ) -> tuple[Orders, float]:
     """Exchanges of two jobs of one robot, accepted like simulated annealing; best order met."""
@@ -190,7 +192,7 @@ def order_search(
     best, best_value = tuple(map(tuple, orders)), value
     movable = [r for r, n in enumerate(jobs) if n > 1]
     typical, count = 0.0, 0  # mean change of the cost by an exchange
-    for k in range(rounds if movable else 0):
+    for k in range(EXCHANGES if movable else 0):
         r = movable[int(rng.integers(len(movable)))]
         i, j = rng.choice(jobs[r], size=2, replace=False)
         orders[r][i], orders[r][j] = orders[r][j], orders[r][i]
@@ -199,7 +201,7 @@ def order_search(
         if not keep and np.isfinite(found):
             count += 1
             typical += (found - value - typical) / count
-            heat = typical * (1.0 - k / rounds) ** 2 + 1e-12
+            heat = typical * (1.0 - k / EXCHANGES) ** 2 + 1e-12
             keep = rng.random() < np.exp((value - found) / heat)
         if keep:
             value = found

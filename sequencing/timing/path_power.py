@@ -29,17 +29,6 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from sequencing.timing.power_kernel import exact_kernel
 
-__all__ = [
-    "PathPower",
-    "PowerTable",
-    "drive_of",
-    "exact_power_w",
-    "exact_table",
-    "path_power",
-    "path_torque_nm",
-    "power_table",
-]
-
 MIN_OVERRIDE = 0.05
 _DEGREE = 4
 
@@ -123,9 +112,7 @@ def path_power(
     cells = max(8, int(np.ceil(duration / cell_s)))
     knots = trajectory.t_s - trajectory.t_s[0]
     middle, width, cell = _pieces(knots, duration, cells)
-    q, qd, qdd, _ = JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    ).sample(trajectory.t_s[0] + middle)
+    q, qd, qdd, _ = trajectory.on(None).sample(trajectory.t_s[0] + middle)
     params = drive_of(robot) if drive is None else drive
     static, inertia, speed = _terms(robot, q, qd, qdd, wrench)
     ends = trajectory.q_rad[[0, -1]]
@@ -209,10 +196,10 @@ def drive_rows(drive: DriveParams) -> np.ndarray:
     )  # fmt: skip
 
 
-def power_table(path: PathPower, min_override: float = MIN_OVERRIDE) -> PowerTable:
-    """Integrate the quartic that meets `exact_power_w` at five overrides in [min_override, 1]."""
+def power_table(path: PathPower) -> PowerTable:
+    """Integrate the quartic that meets `exact_power_w` at five overrides in [MIN_OVERRIDE, 1]."""
     k = np.arange(_DEGREE + 1)
-    nodes = 0.5 * (1 + min_override) + 0.5 * (1 - min_override) * np.cos(
+    nodes = 0.5 * (1 + MIN_OVERRIDE) + 0.5 * (1 - MIN_OVERRIDE) * np.cos(
         np.pi * (2 * k + 1) / (2 * (_DEGREE + 1))
     )
     powers = np.array([exact_power_w(path, delta) for delta in nodes])

@@ -8,8 +8,6 @@ import numpy as np
 from dmoc.drive import REST_RAD_S
 from dmoc.jit import njit
 
-__all__ = ["exact_kernel"]
-
 
 @njit(fastmath=True)
 def exact_kernel(static, speed, velocity, acceleration, drive, override, out):

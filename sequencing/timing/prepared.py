@@ -28,9 +28,7 @@ from sequencing.timing.path_power import (
     power_table,
 )
 from sequencing.timing.swept import SweptPath, swept_path
-from sequencing.timing.timeline import Timeline, drawn_j, make_timeline
-
-__all__ = ["Evaluation", "Geometry", "PreparedCell", "prepare_cell"]
+from sequencing.timing.timeline import CellTimeline, drawn_j, make_timeline
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +39,7 @@ class PreparedCell:
     paths: tuple[PathPower, ...]
     tables: tuple[PowerTable, ...]
 
-    def timeline(self, total_s: float, step_s: float = 0.004) -> Timeline:
+    def timeline(self, total_s: float, step_s: float = 0.004) -> CellTimeline:
         """All trajectories of all robots over `total_s`."""
         return self._timeline(self.tables, total_s, step_s)
 
@@ -51,7 +49,7 @@ class PreparedCell:
         total_s: float,
         step_s: float = 0.004,
         standing: Sequence[tuple[int, bool]] = (),
-    ) -> Timeline:
+    ) -> CellTimeline:
         """One trajectory for each robot, by number, then the robots that stand through it.
 
         `standing` has (trajectory, True at its end or False at its start) of each such robot; it
@@ -124,7 +122,9 @@ class PreparedCell:
             [self.paths[k] for k in order],
         )
 
-    def _timeline(self, tables: Sequence[PowerTable], total_s: float, step_s: float) -> Timeline:
+    def _timeline(
+        self, tables: Sequence[PowerTable], total_s: float, step_s: float
+    ) -> CellTimeline:
         first = self.cell.first
         groups = [list(tables[a:b]) for a, b in itertools.pairwise(first)]
         return make_timeline(groups, total_s, self.cell.links, self.cell.link_of, step_s)
@@ -151,10 +151,10 @@ def _standing_table(power_w: float, length_s: float) -> PowerTable:
     return PowerTable(length_s, 0.5 * length_s, coefficients, power_w, power_w)
 
 
-def prepare_cell(cell: Cell, cell_s: float = 0.004) -> PreparedCell:
+def prepare_cell(cell: Cell) -> PreparedCell:
     """Inverse dynamics once along every path of the cell."""
     paths = tuple(
-        path_power(loaded, trajectory, cell_s, wrench)
+        path_power(loaded, trajectory, 0.004, wrench)
         for robot in cell.robots
         for loaded, trajectory, wrench in zip(robot.loaded, robot.trajectories, robot.wrench)
     )

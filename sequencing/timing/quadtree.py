@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from dmoc.jit import njit
 
-__all__ = ["block_motion", "num_levels", "push_quarters"]
-
 
 @njit
 def num_levels(cells):

@@ -9,22 +9,18 @@ import pinocchio as pin
 
 from dmoc.errors import InputError
 from dmoc.robot import Robot
-from dmoc.trajectory import JointTrajectory
-from dmoc.yaml_file import FieldPath
+from dmoc.yaml_file import FieldPath, InputFaults
 from planning.shapes import Body
 from planning.station import Station, available_stations, demo_station
 from planning.station_file import RobotEntry
 from planning.station_parts import build_robot, build_tool
 from sequencing.run_files import Run, read_run
 from sequencing.run_station import station_of
-from sequencing.timing.cell_faults import CellFaults
 from sequencing.timing.cell_file import CellRobotEntry
 from sequencing.timing.cell_types import CellRobot
 
-__all__ = ["robot_from_run"]
 
-
-def robot_from_run(build: CellFaults, entry: CellRobotEntry, k: int) -> CellRobot | None:
+def robot_from_run(build: InputFaults, entry: CellRobotEntry, k: int) -> CellRobot | None:
     """Robot, motions, weld times, tool and fixtures of a run, moved to the cell's base."""
     field: FieldPath = ("robots", k)
     for key, value in (("model", entry.model), ("urdf", entry.urdf), ("order", entry.order),
@@ -46,11 +42,7 @@ def robot_from_run(build: CellFaults, entry: CellRobotEntry, k: int) -> CellRobo
     bodies = _tool(build, entry, station, field)
     weld_s = {weld.stud: float(weld.time_s) for weld in run.welds}
     motions = [m for m in run.motions if m.motion.trajectory is not None]
-    trajectories = tuple(
-        JointTrajectory(t.t_s, t.q_rad, t.velocity_rad_s, t.torque_nm, robot)
-        for m in motions
-        if (t := m.motion.trajectory) is not None
-    )
+    trajectories = tuple(t.on(robot) for m in motions if (t := m.motion.trajectory) is not None)
     if not trajectories:
         build.refuse((*field, "run"))("run-empty", "no motion", "at least one motion",
                                       "plan the station again")  # fmt: skip
@@ -82,7 +74,7 @@ def _moved(station: Station, robot: Robot) -> tuple[Body, ...]:
 
 
 def _tool(
-    build: CellFaults, entry: CellRobotEntry, station: Station | None, field: FieldPath
+    build: InputFaults, entry: CellRobotEntry, station: Station | None, field: FieldPath
 ) -> tuple[Body, ...]:
     """The tool's solids: given in the cell, else of the run's station.
 

@@ -24,8 +24,6 @@ from sequencing.timing.cell_types import CellRobot
 from sequencing.timing.obb import boxes_overlap
 from sequencing.timing.segment_distance import segment_distance
 
-__all__ = ["BROAD", "NARROW", "SampledCheck"]
-
 BROAD = ("ssap", "aabb_tree", "obb", "capsules", "none")
 NARROW = ("gjk", "gjk_nesterov", "bvh")
 
@@ -213,13 +211,14 @@ def _thing(group: int, solid: coal.CollisionGeometry, narrow: str) -> _Thing:
     return _Thing(group, coal.CollisionObject(shape), half, centre)
 
 
-def _mesh(solid: coal.CollisionGeometry, sides: int = 24) -> coal.CollisionGeometry:
+def _mesh(solid: coal.CollisionGeometry) -> coal.CollisionGeometry:
     """Triangle mesh (BVH of oriented boxes) around a primitive; a mesh stays as it is."""
     if isinstance(solid, coal.BVHModelBase):
         return solid
     if isinstance(solid, coal.Box):
         corners = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T * np.array(solid.halfSide)
     elif isinstance(solid, coal.Cylinder):
+        sides = 24
         angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
         grow = solid.radius / np.cos(np.pi / sides)  # the prism contains the cylinder
         ring = grow * np.stack([np.cos(angle), np.sin(angle)], axis=1)

@@ -30,8 +30,6 @@ from sequencing.timing.strategies import (
 )
 from sequencing.timing.verify import Contact, check_fixtures, check_obstacles, check_schedule
 
-__all__ = ["Case", "Schedule", "run_schedule", "schedule"]
-
 
 @dataclass(frozen=True, eq=False)
 class Case:

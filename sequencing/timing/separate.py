@@ -8,17 +8,15 @@ from sequencing.timing.prepared import Geometry, PreparedCell
 from sequencing.timing.slack import SlackGraph, slack_graph
 from sequencing.timing.strategies import Timing
 
-__all__ = ["separated_timing"]
+ROUNDS = 4000
 
 
-def separated_timing(
-    prepared: PreparedCell, geometry: Geometry, fast: Timing, rounds: int = 4000
-) -> Timing:
+def separated_timing(prepared: PreparedCell, geometry: Geometry, fast: Timing) -> Timing:
     """Full speed; of two trajectories that would meet, the one that begins later waits longer.
 
     Starting from as-early-as-possible, the earliest meeting is mended first, a tenth of a second
     at a time, and everything after it is pushed back; the process gets as much longer as that
-    takes. After `rounds`, or when one wait passes a minute (robots that block each other at rest
+    takes. After `ROUNDS`, or when one wait passes a minute (robots that block each other at rest
     cannot be parted by waiting), `fast` is returned as it was: the caller's check decides.
     """
     cell = prepared.cell
@@ -29,7 +27,7 @@ def separated_timing(
     wait = np.zeros(size)
     graph = slack_graph(cell.durations_s, cell.handovers, None, None, pauses)
     step = 0.1
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         start, total = _earliest(graph, flat, wait, pauses)
         timing = Timing(start, np.ones(size), total)
         crossings = geometry.crossings(total)

@@ -24,9 +24,8 @@ import numpy as np
 
 from dmoc.errors import Fault, ProblemError
 from dmoc.jit import njit
+from sequencing.timing.cell_types import in_order, predecessors
 from sequencing.timing.path_power import MIN_OVERRIDE
-
-__all__ = ["SlackGraph", "decode", "decode_batch", "encode", "pull_back", "slack_graph"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,19 +70,11 @@ def slack_graph(
     """
     durations = np.array([t for robot in robots for t in robot], dtype=float)
     size = durations.size
-    preds: list[list[int]] = [[] for _ in range(size)]
-    at = 0
-    for robot in robots:
-        for k in range(at + 1, at + len(robot)):
-            preds[k].append(k - 1)
-        at += len(robot)
-    for source, target in handovers:
-        if source not in preds[target]:
-            preds[target].append(source)
+    preds = predecessors([len(robot) for robot in robots], handovers)
     pause = np.zeros(size)
     if pause_s is not None:
         pause[:] = [t for robot in pause_s for t in robot]
-    order = _topological(preds)
+    order = in_order(preds)
     held = fixed or {}
     end = np.zeros(size)
     for k in order:
@@ -119,30 +110,6 @@ def slack_graph(
         length_s,
         max(total, needed),
     )
-
-
-def _topological(preds: list[list[int]]) -> list[int]:
-    waiting = [len(p) for p in preds]
-    after: list[list[int]] = [[] for _ in preds]
-    for k, row in enumerate(preds):
-        for p in row:
-            after[p].append(k)
-    ready = [k for k, count in enumerate(waiting) if count == 0]
-    order = []
-    while ready:
-        k = ready.pop()
-        order.append(k)
-        for s in after[k]:
-            waiting[s] -= 1
-            if waiting[s] == 0:
-                ready.append(s)
-    if len(order) < len(preds):
-        stuck = [k for k, count in enumerate(waiting) if count > 0]
-        raise ProblemError(
-            Fault("handover-circle", "", "handovers", f"trajectories {stuck[:8]}",
-                  "no circle of waiting", "remove one hand-over of the circle")
-        )  # fmt: skip
-    return order
 
 
 _STRETCH = 1.0 / MIN_OVERRIDE - 1.0

@@ -21,12 +21,6 @@ from sequencing.timing.path_power import MIN_OVERRIDE
 from sequencing.timing.prepared import Geometry, PreparedCell
 from sequencing.timing.slack import SlackGraph, decode, encode, slack_graph
 
-__all__ = [
-    "Timing", "Windows", "fast_timing", "general_timing", "make_windows", "owners",
-    "standing_of", "stretched_timing", "window_graph", "window_result", "window_timing",
-]  # fmt: skip
-
-
 _SWARM_VARIABLES = 40  # more, and a swarm finds nothing in reasonable time
 
 
@@ -223,14 +217,15 @@ def _without_standing(found: TimingResult, moving: int) -> TimingResult:
     )  # fmt: skip
 
 
+_THAWS = 12  # rounds of optimising, putting back and freezing
+
+
 def general_timing(
     prepared: PreparedCell,
     start: Timing,
     seed: int,
     geometry: Geometry | None,
     others: Sequence[Timing] = (),
-    iterations: int = 150,
-    rounds: int = 12,
 ) -> Timing:
     """The general problem, from an allowed schedule that it never becomes worse than.
 
@@ -239,7 +234,7 @@ def general_timing(
     rest is optimised again, until what remains is an allowed schedule. Where that froze something
     and the cell is small, the swarm then looks for a way round the collisions.
     """
-    found = _thawed(prepared, start, seed, geometry, others, iterations, rounds)
+    found = _thawed(prepared, start, seed, geometry, others)
     size = prepared.cell.first[-1]
     if geometry is None or not found.frozen or 2 * size > _SWARM_VARIABLES:
         return found.timing
@@ -268,11 +263,9 @@ def _thawed(
     seed: int,
     geometry: Geometry | None,
     others: Sequence[Timing],
-    iterations: int,
-    rounds: int,
 ) -> _Thawed:
     """Gradient descent with freezing, see `general_timing`."""
-    first = SearchParams(method="gradient", gradient_starts=6, gradient_iterations=iterations)
+    first = SearchParams(method="gradient", gradient_starts=6, gradient_iterations=150)
     later = replace(first, gradient_starts=1)
     line = prepared.timeline(start.total_s)
     crossings = None if geometry is None else geometry.crossings(start.total_s)
@@ -280,7 +273,7 @@ def _thawed(
     frozen: dict[int, tuple[float, float]] = {}
     best = start
     spent = 0
-    for k in range(rounds):
+    for k in range(_THAWS):
         graph = whole_graph(prepared, start.total_s, frozen)
         # Once somebody is frozen, the last answer is the start that it is worth going on from.
         tried = (start, *others) if k == 0 else (start, best)

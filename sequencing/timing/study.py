@@ -32,16 +32,6 @@ from sequencing.timing.strategies import (
 from sequencing.timing.timeline import cost_batch
 from sequencing.timing.verify import check_schedule
 
-__all__ = [
-    "capacity_sweep",
-    "crossing_cell",
-    "pallet_cell",
-    "run_pallet_cell_study",
-    "solution_space",
-    "traces",
-]
-
-
 _FREE_ORDER = 10  # trajectories of each robot, so that all orders can be enumerated
 
 

@@ -22,8 +22,6 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from sequencing.timing.arm_shapes import ArmShapes, joint_axis, joint_frames
 
-__all__ = ["SweptPath", "joint_travel", "reaches", "swept_path"]
-
 
 @dataclass(frozen=True, eq=False)
 class SweptPath:
@@ -47,9 +45,7 @@ def swept_path(
 ) -> SweptPath:
     """Sweep `shapes` along `trajectory` in `pieces` equal time steps."""
     t = np.linspace(0.0, trajectory.duration_s, pieces + 1) + trajectory.t_s[0]
-    bare = JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    )
+    bare = trajectory.on(None)
     rotation, origin = joint_frames(robot, bare.sample(t).q_rad)
     joint = shapes.joint
     ends = (

@@ -28,19 +28,9 @@ from sequencing.timing.timeline_kernels import (
     gradient_kernel,
 )
 
-__all__ = [
-    "Timeline",
-    "coarser",
-    "cost",
-    "cost_and_gradient",
-    "cost_batch",
-    "drawn_j",
-    "make_timeline",
-]
-
 
 @dataclass(frozen=True, eq=False)
-class Timeline:
+class CellTimeline:
     """R robots with their power tables, flattened for the kernels; S trajectories in all.
 
     `coefficients` (5, sum of nodes) concatenates the tables; trajectory s owns nodes
@@ -78,14 +68,14 @@ def make_timeline(
     links: Sequence[LinkParams],
     link_of: Sequence[int],
     step_s: float = 0.004,
-) -> Timeline:
+) -> CellTimeline:
     """Collect the tables of each robot's trajectories, in their order, on `links`."""
     if not robots or any(not tables for tables in robots) or len(link_of) != len(robots):
         legal = "at least one trajectory for each robot, one link index for each robot"
         raise ProblemError(Fault("timeline", "", "robots", str([len(t) for t in robots]), legal))
     tables = [table for robot in robots for table in robot]
     node = np.concatenate([[0], np.cumsum([t.coefficients.shape[1] for t in tables])])
-    return Timeline(
+    return CellTimeline(
         coefficients=np.ascontiguousarray(np.hstack([t.coefficients for t in tables])),
         node=node.astype(np.int64),
         cell_s=np.array([t.cell_s for t in tables]),
@@ -100,7 +90,7 @@ def make_timeline(
     )
 
 
-def coarser(line: Timeline, times: int) -> Timeline:
+def coarser(line: CellTimeline, times: int) -> CellTimeline:
     """The same schedule problem with steps and table cells about so many times longer.
 
     Step energies stay exact at the table's nodes; the link's limits are looked at less often.
@@ -122,16 +112,16 @@ def coarser(line: Timeline, times: int) -> Timeline:
     )
 
 
-def _parts(line: Timeline) -> tuple:
+def _parts(line: CellTimeline) -> tuple:
     tables = (line.coefficients, line.node, line.cell_s)
     return tables, (line.duration_s, line.hold_w), line.first, line.link_of
 
 
-def _scratch(line: Timeline) -> np.ndarray:
+def _scratch(line: CellTimeline) -> np.ndarray:
     return np.empty(line.longest)
 
 
-def drawn_j(line: Timeline, start_s: np.ndarray, override: np.ndarray) -> np.ndarray:
+def drawn_j(line: CellTimeline, start_s: np.ndarray, override: np.ndarray) -> np.ndarray:
     """Energy drawn from each link in each step (L, K) [J]."""
     drawn = np.empty((len(line.limits), line.steps))
     drawn_kernel(
@@ -141,13 +131,13 @@ def drawn_j(line: Timeline, start_s: np.ndarray, override: np.ndarray) -> np.nda
     return drawn
 
 
-def cost(line: Timeline, start_s: np.ndarray, override: np.ndarray) -> float:
+def cost(line: CellTimeline, start_s: np.ndarray, override: np.ndarray) -> float:
     """Grid energy J [J] of one schedule (clip model, end energy credited)."""
     out = cost_batch(line, np.asarray(start_s)[None], np.asarray(override)[None])
     return float(out[0])
 
 
-def cost_batch(line: Timeline, start_s: np.ndarray, override: np.ndarray) -> np.ndarray:
+def cost_batch(line: CellTimeline, start_s: np.ndarray, override: np.ndarray) -> np.ndarray:
     """J (P,) [J] of P schedules: starts and overrides (P, S)."""
     starts = np.ascontiguousarray(start_s, dtype=float)
     overrides = np.ascontiguousarray(override, dtype=float)
@@ -160,7 +150,7 @@ def cost_batch(line: Timeline, start_s: np.ndarray, override: np.ndarray) -> np.
 
 
 def cost_and_gradient(
-    line: Timeline, start_s: np.ndarray, override: np.ndarray
+    line: CellTimeline, start_s: np.ndarray, override: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """J [J], dJ/d start (S,) [J/s] and dJ/d override (S,) [J]."""
     start = np.ascontiguousarray(start_s, dtype=float)

@@ -1,6 +1,6 @@
 """Kernels of `timeline`: step energies, their gradient and batches, in numba.
 
-`tables` is (coefficients, node, cell_s), `spans` is (duration_s, hold_w), as in `Timeline`.
+`tables` is (coefficients, node, cell_s), `spans` is (duration_s, hold_w), as in `CellTimeline`.
 """
 # mypy: disallow-untyped-defs=False
 

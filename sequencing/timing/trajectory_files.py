@@ -16,8 +16,6 @@ from dmoc.robot import Robot
 from dmoc.trajectory import JointTrajectory
 from dmoc.trapezoid import trapezoid_motion
 
-__all__ = ["FolderMotions", "read_trajectories"]
-
 
 @dataclass(frozen=True, eq=False)
 class FolderMotions:
@@ -124,8 +122,7 @@ def _limits(path: Path, name: str, motion: JointTrajectory, robot: Robot) -> lis
                   "0.001 .. 3600 s", "give times in seconds")
         ]  # fmt: skip
     middle = 0.5 * (motion.t_s[1:] + motion.t_s[:-1])
-    bare = JointTrajectory(motion.t_s, motion.q_rad, motion.velocity_rad_s, motion.torque_nm)
-    q, v, *_ = bare.sample(np.concatenate([motion.t_s, middle]))
+    q, v, *_ = motion.on(None).sample(np.concatenate([motion.t_s, middle]))
     faults = []
     for j in range(robot.num_joints):
         low, high = float(robot.q_lower_rad[j]), float(robot.q_upper_rad[j])

@@ -23,8 +23,6 @@ from sequencing.timing.cell_types import Cell
 from sequencing.timing.segment_distance import segment_distances
 from sequencing.timing.swept import joint_travel, reaches
 
-__all__ = ["Contact", "check_fixtures", "check_obstacles", "check_schedule"]
-
 _SHORTEST_S = 2e-4
 
 
@@ -86,7 +84,7 @@ class _Actor:
             return self.ends
         k = self.active(t)
         trajectory = self.trajectories[k]
-        bare = _bare(trajectory)
+        bare = trajectory.on(None)
         q = bare.sample(trajectory.t_s[0] + self.phase(t, k)).q_rad[0]
         pin.forwardKinematics(self.robot.model, self.data, q)
         out = np.empty_like(self.shapes.ends_m)
@@ -104,7 +102,7 @@ class _Actor:
         s0, s1 = self.phase(t0, k), self.phase(t1, k)
         if s1 - s0 <= 0.0:
             return np.zeros(len(self.shapes.joint))
-        turn = joint_travel(_bare(trajectory), trajectory.t_s[0] + np.array([s0, s1]))
+        turn = joint_travel(trajectory.on(None), trajectory.t_s[0] + np.array([s0, s1]))
         return self.reach @ turn[0]
 
     def transform(self, c: int) -> coal.Transform3s:
@@ -123,15 +121,6 @@ class _Actor:
         )
 
 
-def _bare(trajectory: JointTrajectory) -> JointTrajectory:
-    """Without the robot, so that sampling computes no torques."""
-    if trajectory.robot is None:
-        return trajectory
-    return JointTrajectory(
-        trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s, trajectory.torque_nm
-    )
-
-
 def check_schedule(
     cell: Cell, start_s: np.ndarray, override: np.ndarray, most: int = 1000
 ) -> list[Contact]:
@@ -142,7 +131,7 @@ def check_schedule(
         actor = _Actor(item.name, item.robot, arm_shapes(item.robot, item.tool_bodies))
         start, speed = np.asarray(start_s)[part], np.asarray(override)[part]
         order = np.argsort(start, kind="stable")  # jobs may run in another order than given
-        actor.trajectories = [_bare(item.trajectories[k]) for k in order]
+        actor.trajectories = [item.trajectories[k].on(None) for k in order]
         actor.start, actor.override = start[order], speed[order]
         actors.append(actor)
     found: list[Contact] = []
@@ -153,37 +142,37 @@ def check_schedule(
     return found
 
 
-def check_obstacles(cell: Cell, clearance_m: float = 0.0) -> list[Contact]:
+def check_obstacles(cell: Cell) -> list[Contact]:
     """Contacts of each robot's paths with the obstacles, at full speed; time does not matter.
 
     Solids that never move (bases, which stand on the floor) are left out.
     """
-    return _against(cell, [tuple(cell.obstacles)] * len(cell.robots), clearance_m)
+    return _against(cell, [tuple(cell.obstacles)] * len(cell.robots))
 
 
-def check_fixtures(cell: Cell, clearance_m: float = 0.0) -> list[Contact]:
+def check_fixtures(cell: Cell) -> list[Contact]:
     """Contacts of each robot's paths with part and fixtures of the other robots' stations."""
     scenes = [
         tuple(body for s, other in enumerate(cell.robots) if s != r for body in other.fixtures)
         for r in range(len(cell.robots))
     ]
-    return _against(cell, scenes, clearance_m)
+    return _against(cell, scenes)
 
 
-def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]], clearance_m: float) -> list[Contact]:
+def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]]) -> list[Contact]:
     found: list[Contact] = []
     for item, bodies in zip(cell.robots, scenes):
         if not bodies:
             continue
         shapes = moving_shapes(arm_shapes(item.robot, item.tool_bodies))
         actor = _Actor(item.name, item.robot, shapes)
-        actor.trajectories = [_bare(t) for t in item.trajectories]
+        actor.trajectories = [t.on(None) for t in item.trajectories]
         lengths = [t.duration_s for t in item.trajectories]
         actor.start = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
         actor.override = np.ones(len(lengths))
         times = sorted({0.0, *actor.events()})
         scene = _Actor("obstacles", None, body_shapes(bodies))
-        found += _between(actor, scene, times, clearance_m, 1000)
+        found += _between(actor, scene, times, 0.0, 1000)
     return found
 
 

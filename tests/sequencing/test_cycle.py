@@ -265,6 +265,18 @@ def _tour_cost(oracle: StationEdges, order: tuple[int, ...]) -> float:
     return float(travel + nodes.weld_cost[list(order)].sum())
 
 
+def test_the_store_may_be_named_by_a_text(station, tmp_path) -> None:
+    far = replace(station.studs[0], position_m=np.array([9.0, 0.0, 0.8]))
+    path = tmp_path / "deep" / "edges.sqlite"
+    with pytest.raises(NoCycle):
+        plan_station(replace(station, studs=(far,)), stop=STOP, store=str(path))
+    assert path.is_file()
+    cycle = plan_station(small_station(1), stop=STOP, store=str(path))
+    with EdgeStore(path) as store:
+        assert len(store) > 0
+    assert len(cycle.welds) == 1
+
+
 def test_boxes_end_certified() -> None:
     cycle = plan_station(
         small_station(2, 2),

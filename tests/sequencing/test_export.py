@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from sample_cycle import quintic, sample_cycle
 
+from dmoc.cost import Cost
 from dmoc.errors import InputError
+from dmoc.motion import Motion
+from dmoc.status import Status
 from dmoc.trajectory import JointTrajectory
+from sequencing.cycle_types import CycleMotion
 from sequencing.export.exporting import EXPORT_FORMATS, export_run
 from sequencing.export.readers import read_krl, read_log, read_rapid, read_ros, read_urscript
-from sequencing.run_files import read_run, write_run
-from sequencing.run_loose import loose_run
+from sequencing.run_files import read_run, write_motions, write_run
 
 
 def run_of(folder, cycle):
@@ -174,9 +177,14 @@ def test_what_may_collide_is_not_exported(tmp_path):
 
 def test_trajectories_without_a_station_are_exported_too(tmp_path):
     robot = sample_cycle().station.robot
-    curves = {"A": quintic(robot, np.zeros(6), np.full(6, 0.3)),
-              "B": quintic(robot, np.full(6, 0.3), np.zeros(6))}  # fmt: skip
-    run = loose_run("ur3 study", robot, curves)
+    away, back = np.zeros(6), np.full(6, 0.3)
+    curves = [quintic(robot, away, back), quintic(robot, back, away)]
+    motions = [
+        CycleMotion(f"m{k:03d}", "here", "there", "travel",
+                    Motion(Status.CONVERGED, "refined", curve.on(None), cost=float(k)))
+        for k, curve in enumerate(curves)
+    ]  # fmt: skip
+    run = write_motions("ur3 study", robot, motions, Cost(), tmp_path, seed=0)
     (path,) = export_run(run, "urscript", tmp_path).files
     assert path.name == "ur3_study.script"
     assert "0 certified" in path.read_text()

@@ -7,18 +7,31 @@ import numpy as np
 import pytest
 
 from dmoc.bezier_problem import BezierProblem
+from dmoc.cost import ElectricalCost
 from dmoc.errors import InputError
-from dmoc.robot import Tool, load_robot
+from dmoc.motion import Motion
+from dmoc.robot import Robot, Tool, load_robot
+from dmoc.status import Status
 from dmoc.trajectory import JointTrajectory
+from sequencing.cycle_types import CycleMotion
 from sequencing.export.exporting import export_run
 from sequencing.measured import measured_against_plan
 from sequencing.measured_log import read_controller_log
 from sequencing.report.measured_tables import measured_markdown
-from sequencing.studies.ur3_export import write_single_run
+from sequencing.run_files import Run, write_motions
 
 DATA = Path(os.environ.get("DMOC_DATA", Path(__file__).parents[3] / "shared" / "data"))
 START = np.deg2rad([-45.0, -75, 95, -110, -90, 0])
 GOAL = np.deg2rad([45.0, -65, 80, -105, -80, 20])
+
+
+def one_motion(
+    name: str, curve: JointTrajectory, robot: Robot, energy_j: float, folder: Path
+) -> Run:
+    motion = Motion(Status.CONVERGED, "refined", curve, cost=energy_j)
+    item = CycleMotion("m000", "start", "goal", "travel", motion)
+    cost = ElectricalCost(time=0.0, torque_smoothing=0.0)
+    return write_motions(name, robot, [item], cost, folder, 0)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +40,7 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     problem = BezierProblem(robot, START, GOAL)
     curve = problem.motion(problem.straight).trajectory(robot, 150)
     folder = tmp_path_factory.mktemp("run")
-    run = write_single_run("move", curve, robot, 20.0, folder, 0)
+    run = one_motion("move", curve, robot, 20.0, folder)
     export_run(run, "rtde", folder, 0.008)
     return folder
 
@@ -110,7 +123,7 @@ def test_real_recording_against_a_plan_made_of_its_targets(tmp_path: Path) -> No
     )  # fmt: skip
     torque = np.zeros((len(rows) - 1, 6))
     plan = JointTrajectory(record.t_s, column("target_q"), column("target_qd"), torque, robot)
-    write_single_run("L3L4", plan, robot, 0.0, tmp_path, 0)
+    one_motion("L3L4", plan, robot, 0.0, tmp_path)
     report = measured_against_plan(path, tmp_path, robot)
     assert max(report["position"]["largest_rad"]) < 0.02
     assert abs(report["time"]["difference_s"]) <= 0.08

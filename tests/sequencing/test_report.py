@@ -46,16 +46,15 @@ def test_bjorkenstam2014_tables_agree_with_themselves():
     assert lowest < paper["new_sequence"]["welding"] < paper["old_sequence"]["welding"] < highest
 
 
-def test_tables_stand_beside_the_papers_and_name_what_is_assumed(cycle):
+def test_tables_are_of_this_station_alone_and_name_what_is_assumed(cycle):
     text = tables_markdown(result_of(cycle, {}))
     rows = {line.split("|")[1].strip(): line for line in text.splitlines() if line[:1] == "|"}
     new = [cell.strip() for cell in rows["new sequence (optimal control)"].split("|")[2:-1]]
-    ours, paper = cycle.tables.energy_based, paper_tables()["new_sequence"]
-    assert new == [
-        f"{x:.1f}" for x in (ours.travel, ours.welding, ours.total, *paper.values())
-    ]  # fmt: skip
+    ours = cycle.tables.energy_based
+    assert new == [f"{x:.1f}" for x in (ours.travel, ours.welding, ours.total)]
     assert f"{cycle.tables.saving_percent:.1f}" in rows["saving %"]
-    assert "42.9" in rows["saving %"]
+    # The paper's studs are not these: its figures stand in the study only.
+    assert "paper" not in text.lower()
     assert "Assumed, not measured" in text
     assert "inertia" in text
     assert "S9 (joint limit (12))" in text

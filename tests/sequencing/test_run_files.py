@@ -9,11 +9,18 @@ import numpy as np
 import pytest
 from sample_cycle import quintic, sample_cycle
 
-from dmoc.cost import Cost
+from dmoc.cost import Cost, ElectricalCost
 from dmoc.errors import InputError
+from dmoc.motion import Motion
+from dmoc.robot import load_robot
+from dmoc.status import Status
+from sequencing.commands.console import Console
+from sequencing.commands.runs import run_compare, run_view
+from sequencing.commands.solve import run_solve
+from sequencing.cycle_types import CycleMotion
 from sequencing.run_archive import json_text, npz_bytes, write_atomic
 from sequencing.run_compare import compare_runs, comparison_text
-from sequencing.run_files import read_run, write_run
+from sequencing.run_files import read_run, write_motions, write_run
 from sequencing.run_shares import cost_shares
 from sequencing.run_station import station_of
 from sequencing.run_timeline import timeline
@@ -227,3 +234,45 @@ def test_a_station_that_is_gone_is_a_coded_error(tmp_path):
     with pytest.raises(InputError) as caught:
         station_of(read_run(written(tmp_path)))
     assert caught.value.faults[0].code == "run-station"
+
+
+CYCLE_ONLY = ("method", "configurations", "unreachable", "clearance_m", "fallbacks", "search",
+              "tour", "tables", "polish")  # fmt: skip
+
+
+@pytest.mark.parametrize("absent", [(), CYCLE_ONLY], ids=["now", "without their fields"])
+def test_motions_without_a_station_are_viewed_and_compared(tmp_path, absent):
+    robot = load_robot("ur3e_class")
+    folders = []
+    for number, cost in enumerate((20.0, 25.0)):
+        curve = quintic(robot, np.zeros(6), np.full(6, 0.3))
+        motion = Motion(Status.CONVERGED, "refined", curve, cost=cost, certified=True)
+        item = CycleMotion("m000", "start", "goal", "travel", motion)
+        folders.append(tmp_path / str(number))
+        price = ElectricalCost(time=0.0, torque_smoothing=0.0)
+        run = write_motions("ur3_A", robot, [item], price, folders[-1], seed=3)
+        assert run.result["certified"] == 1
+        result = json.loads((folders[-1] / "result.json").read_text())
+        kept = {key: value for key, value in result.items() if key not in absent}
+        write_atomic(folders[-1] / "result.json", json_text(kept))
+    data = run_compare(Console(json=True), *folders, None).data
+    assert data["cost"]["travel"] == {"a": 20.0, "b": 25.0, "change_percent": 25.0}
+    assert data["cost"]["welding"]["change_percent"] is None
+    assert data["max_joint_deviation_rad"] == 0.0
+    files = run_view(Console(json=True), folders[0], tmp_path / "view").data["files"]
+    assert [name.rsplit("/", 1)[1] for name in files] == ["curves.png", "report.html"]
+    page = (tmp_path / "view" / "report.html").read_text()
+    assert "1 motions without a station" in page
+    assert "scene.html" not in page
+
+
+def test_a_solved_motion_is_written_as_a_run(tmp_path):
+    ends = ("0,0,0,0,0,0", "0.2,0,0,0,0,0")
+    weights = (1.0, 1e-6, 1.0, 1e-2)
+    outcome = run_solve(
+        Console(json=True), "ur10e_class", *ends, 10, None, weights, 0.0, 0, tmp_path
+    )
+    (item,) = read_run(tmp_path).motions
+    assert item.motion.cost == outcome.data["cost"]
+    assert np.array_equal(item.motion.trajectory.q_rad, outcome.data["q_rad"])
+    assert item.motion.certified is None

@@ -312,8 +312,13 @@ def test_leaving_on_a_line_costs_and_a_stop_is_no_line(study) -> None:
 def test_the_study_again_reads_its_edges_and_says_the_same(run, store_path, tmp_path) -> None:
     with EdgeStore(store_path) as store:
         before = len(store)
+        rows = store.path.with_name("change_rows.json")
+        kept = rows.read_bytes()
+        names = {row["name"] for row in json.loads(kept).values()}
+        assert names == {row.name for row in run.study.changes if row.group != "friction"}
         again = run_stud_welding_study("A", store, reduced=True, budget=BUDGET)
         assert len(store) == before
+        assert rows.read_bytes() == kept
     assert again.study == run.study
     write_run(run.new, tmp_path, timing={})
     assert read_run(tmp_path).result["tables"]["saving_percent"] == run.study.saving_percent
