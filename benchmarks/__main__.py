@@ -10,9 +10,18 @@ import subprocess
 import sys
 
 NAMES = (
-    "ocp", "distances", "random_pairs", "clearance", "planning", "gtsp", "holes", "timing", "skoda",
-    "ur3e_energy", "ur3",
-)  # fmt: skip
+    "ocp",
+    "distances",
+    "random_pairs",
+    "clearance",
+    "planning",
+    "gtsp",
+    "holes",
+    "timing",
+    "skoda",
+    "ur3e_energy",
+    "ur3",
+)
 
 
 def main() -> int:

@@ -22,16 +22,16 @@ import casadi
 import numpy as np
 
 from benchmarks.planning_common import machine_load
-from dmoc.motion import Motion, MotionProblem
+from dmoc.motion.motion import Motion, MotionProblem
+from dmoc.motion.trajectory import JointPath
+from dmoc.physics.running_cost import trajectory_cost
 from dmoc.refinement import RefineParams, RefineRecord, refine
 from dmoc.refinement.iterate import iterate_from_path
-from dmoc.running_cost import trajectory_cost
-from dmoc.trajectory import JointPath
 from planning import CollisionWorld, alternatives, demo_station
-from planning.alternative import weld_line
-from planning.departure import line_through, with_departure
-from planning.edge_clearance import EdgeClearance
-from planning.edge_motion import EdgeParams, seed_paths
+from planning.collision.world import EdgeClearance
+from planning.path.departure import line_through, with_departure
+from planning.path.edge_motion import EdgeParams, seed_paths
+from planning.welds.poses import weld_line
 
 SEED = 20260101
 STATIONS = ("stud_welding_a", "stud_welding_b")
@@ -66,8 +66,9 @@ def draw(per_class: int) -> list[Pair]:
             )
             problem = with_departure(
                 MotionProblem(station.robot, start.q_rad, goal.q_rad, station.cost, 20),
-                line_through(start.line_rad), line_through(goal.line_rad),
-            )  # fmt: skip
+                line_through(start.line_rad),
+                line_through(goal.line_rad),
+            )
             clearance = world.clearance(
                 weld_line(station, studs[i].stud), weld_line(station, studs[j].stud)
             )
@@ -104,18 +105,29 @@ def measure(pair: Pair, method: str, params: RefineParams) -> dict[str, Any]:
     records: list[RefineRecord] = []
     begin = time.process_time()
     motion = refine(
-        pair.problem, pair.path, pair.clearance, method=method, params=params,
-        trace=records.append, fallback=False,
-    )  # fmt: skip
+        pair.problem,
+        pair.path,
+        pair.clearance,
+        method=method,
+        params=params,
+        trace=records.append,
+        fallback=False,
+    )
     cpu = time.process_time() - begin
     costs = [r.cost for r in records if r.accepted]
     return {
-        "cost": motion.cost, "certified": bool(motion.certified), "cpu_s": cpu,
-        "solves": len(records), "outers": len(costs), "outers_1_percent": _outers(costs, 0.01),
-        "outers_0.1_percent": _outers(costs, 0.001), "max_defect": motion.max_defect,
-        "solver_iterations": motion.iterations, "status": motion.status.value,
+        "cost": motion.cost,
+        "certified": bool(motion.certified),
+        "cpu_s": cpu,
+        "solves": len(records),
+        "outers": len(costs),
+        "outers_1_percent": _outers(costs, 0.01),
+        "outers_0.1_percent": _outers(costs, 0.001),
+        "max_defect": motion.max_defect,
+        "solver_iterations": motion.iterations,
+        "status": motion.status.value,
         "note": motion.note,
-    }  # fmt: skip
+    }
 
 
 def _outers(costs: list[float], fraction: float) -> int:
@@ -144,10 +156,12 @@ def run(pairs: list[Pair]) -> list[dict[str, Any]]:
         free: Motion = refine(pair.problem, None, pair.clearance, method="none")
         seed = iterate_from_path(pair.problem, pair.path).trajectory(pair.problem)
         row: dict[str, Any] = {
-            "kind": pair.kind, "pair": pair.name, "free": free.cost,
+            "kind": pair.kind,
+            "pair": pair.name,
+            "free": free.cost,
             "free_certified": bool(free.certified),
             "seed": trajectory_cost(seed, pair.problem.robot, pair.problem.cost),
-        }  # fmt: skip
+        }
         for name, (method, params) in METHODS.items():
             row[name] = measure(pair, method, params)
         rows.append(row)
@@ -169,8 +183,10 @@ def table(rows: list[dict[str, Any]]) -> str:
             continue
         free = np.median([r["free"] / r[paper]["cost"] for r in part])
         seed = np.median([r["seed"] / r[paper]["cost"] for r in part])
-        lines.append(f"| {kind} | obstacle-free optimum | {free:.3f} | | | | "
-                     f"{sum(r['free_certified'] for r in part)}/{len(part)} | |")  # fmt: skip
+        lines.append(
+            f"| {kind} | obstacle-free optimum | {free:.3f} | | | | "
+            f"{sum(r['free_certified'] for r in part)}/{len(part)} | |"
+        )
         lines.append(f"| {kind} | time-scaled seed | {seed:.3f} | | | | | |")
         for name in METHODS:
             one = [r[name] for r in part]
@@ -198,13 +214,18 @@ def main() -> None:
     print(text)
     RESULTS.mkdir(exist_ok=True)
     facts = {
-        "date": date.today().isoformat(), "machine": platform.machine(),
-        "python": platform.python_version(), "casadi": casadi.__version__, "seed": SEED,
+        "date": date.today().isoformat(),
+        "machine": platform.machine(),
+        "python": platform.python_version(),
+        "casadi": casadi.__version__,
+        "seed": SEED,
         "rows": rows,
-    }  # fmt: skip
+    }
     (RESULTS / "clearance.json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
-    head = f"Measured {facts['date']}, {facts['machine']}, Python {facts['python']}, CasADi " \
-        f"{facts['casadi']}; {len(rows)} pairs, N = 20, medians; {machine_load()}.\n\n"  # fmt: skip
+    head = (
+        f"Measured {facts['date']}, {facts['machine']}, Python {facts['python']}, CasADi "
+        f"{facts['casadi']}; {len(rows)} pairs, N = 20, medians; {machine_load()}.\n\n"
+    )
     (RESULTS / "clearance.md").write_text(head + text + "\n", encoding="utf-8")
 
 

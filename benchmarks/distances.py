@@ -15,16 +15,17 @@ from typing import Any
 import numpy as np
 
 from benchmarks.planning_common import save, table
-from dmoc.trajectory import JointTrajectory
-from planning.mesh_opinion import MeshOpinion
-from planning.station import demo_station
-from planning.world import CollisionWorld
+from dmoc.motion.trajectory import JointTrajectory
+from planning.collision.mesh_opinion import MeshOpinion
+from planning.collision.world import CollisionWorld
+from planning.station.build import demo_station
 
 STATIONS = ("stud_welding_a", "stud_welding_b", "stud_welding_c")
 GOALS = {
-    "yes/no, one at a time [us]": 25.0, "rows at 80 configurations, cap 0.3 m [ms]": 10.0,
+    "yes/no, one at a time [us]": 25.0,
+    "rows at 80 configurations, cap 0.3 m [ms]": 10.0,
     "certificate, 20 intervals [ms]": 10.0,
-}  # fmt: skip
+}
 
 
 def cpu_s(action: Callable[[], Any], repeats: int = 3) -> float:
@@ -64,11 +65,14 @@ def measure(name: str, count: int) -> dict[str, Any]:
     motions = [quintic(a, b, 3.0) for a, b in zip(free[0:80:2], free[1:80:2])]
     clearance.certify(motions[0])
     figures: dict[str, Any] = {
-        "bodies": len(world.scene.bodies), "pieces": len(world.scene.pieces),
-        "body pairs": len(world.pairs), "piece pairs": len(world.scene.pairs.body),
-        "pairs dropped by proof": len(world.never_touching), "world built [ms]": 1e3 * build,
+        "bodies": len(world.scene.bodies),
+        "pieces": len(world.scene.pieces),
+        "body pairs": len(world.pairs),
+        "piece pairs": len(world.scene.pairs.body),
+        "pairs dropped by proof": len(world.never_touching),
+        "world built [ms]": 1e3 * build,
         "share touching": float(touching.mean()),
-    }  # fmt: skip
+    }
     few = q[: min(count, 500)]
     figures["yes/no, one at a time [us]"] = (
         1e6 * cpu_s(lambda: [world.collide(row) for row in few]) / len(few)

@@ -212,8 +212,13 @@ def table(result: dict) -> str:
     lines += [f"- {note}" for note in result.get("notes", [])]
     for title in ("heuristic", "methods", "peers"):
         if title in result:
-            lines += ["", f"## {title}", "", "| group | solver | instances | gap % | CPU s |",
-                      "|---|---|---|---|---|"]  # fmt: skip
+            lines += [
+                "",
+                f"## {title}",
+                "",
+                "| group | solver | instances | gap % | CPU s |",
+                "|---|---|---|---|---|",
+            ]
             for r in result[title]["summary"]:
                 gap = "none found" if r["gap_percent"] is None else f"{r['gap_percent']:.4f}"
                 lines.append(
@@ -221,8 +226,13 @@ def table(result: dict) -> str:
                     f"| {r['cpu_s']:.2f} |"
                 )
     if "proofs" in result:
-        lines += ["", "## proofs", "", "| instance | proven | bound, % of cost | CPU s |",
-                  "|---|---|---|---|"]  # fmt: skip
+        lines += [
+            "",
+            "## proofs",
+            "",
+            "| instance | proven | bound, % of cost | CPU s |",
+            "|---|---|---|---|",
+        ]
         lines += [
             f"| {r['instance']} | {r['proven']} | {r['bound_percent']:.2f} | {r['cpu_s']:.2f} |"
             for r in result["proofs"]

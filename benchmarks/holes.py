@@ -24,13 +24,14 @@ from pathlib import Path
 import numpy as np
 
 from dmoc import Robot
-from planning.alternatives_search import alternatives
-from planning.station import Station, load_station
-from planning.world import CollisionWorld
-from sequencing.edge_worker import EdgeJob, edge_motion
+from planning.collision.world import CollisionWorld
+from planning.station.build import load_station
+from planning.station.station import Station
+from planning.welds.alternatives_search import alternatives
+from sequencing.edges.nodes import HOME, StationNodes, station_nodes
+from sequencing.edges.worker import EdgeJob, edge_motion
 from sequencing.gtsp import GtspProblem, Stop, solve
 from sequencing.gtsp.cluster_optimisation import optimise_anchored
-from sequencing.nodes import HOME, StationNodes, station_nodes
 
 RESULTS = Path(__file__).parent / "results"
 ROWS, COLUMNS = 7, 35
@@ -105,9 +106,7 @@ def problem_of(nodes: StationNodes, robot: Robot) -> GtspProblem:
     ends = nodes.line_end_rad
     cost = np.stack([travel_times(robot, row[None, :], ends) for row in ends])
     lines = 2.0 * travel_times(robot, nodes.q_rad, ends)
-    return GtspProblem(
-        cost, nodes.cluster_of, node_cost=lines, home=nodes.home, name="panel_245"
-    )  # fmt: skip
+    return GtspProblem(cost, nodes.cluster_of, node_cost=lines, home=nodes.home, name="panel_245")
 
 
 def order_then_poses(problem: GtspProblem, place: np.ndarray, seed: int) -> tuple[int, ...]:
@@ -143,16 +142,29 @@ def certified_legs(
         u, v = tour[k], tour[(k + 1) % len(tour)]
         ends = [None if nodes.stud[w] == HOME else nodes.stud[w] for w in (u, v)]
         job = EdgeJob(
-            context="", key=f"{u}-{v}", origin=ends[0], target=ends[1], seed=0, quality="final",
-            start_rad=tuple(nodes.q_rad[u]), goal_rad=tuple(nodes.q_rad[v]), method="halfspaces",
-        )  # fmt: skip
+            context="",
+            key=f"{u}-{v}",
+            origin=ends[0],
+            target=ends[1],
+            seed=0,
+            quality="final",
+            start_rad=tuple(nodes.q_rad[u]),
+            goal_rad=tuple(nodes.q_rad[v]),
+            method="halfspaces",
+        )
         motion = edge_motion(station, world, studs, job)
         model = problem.cost[u, v] + (problem.node_cost[u] + problem.node_cost[v]) / 2
         duration = None if motion.trajectory is None else float(motion.trajectory.t_s[-1])
         rows.append(
-            {"from": nodes.stud[u], "to": nodes.stud[v], "certified": bool(motion.certified),
-             "duration_s": duration, "model_s": float(model), "status": motion.status.name}
-        )  # fmt: skip
+            {
+                "from": nodes.stud[u],
+                "to": nodes.stud[v],
+                "certified": bool(motion.certified),
+                "duration_s": duration,
+                "model_s": float(model),
+                "status": motion.status.name,
+            }
+        )
         print("   ", rows[-1], flush=True)
     return rows
 
@@ -177,9 +189,12 @@ def main() -> None:
     problem = problem_of(nodes, station.robot)
     cpu_costs = time.process_time() - begin
     sizes = np.bincount(problem.cluster_of)
-    print(f"{len(nodes.studs)} holes, {nodes.num_nodes} nodes ({sizes.min()} to {sizes.max()} a "
-          f"hole), without any: {without or 'none'}; alternatives {cpu_alternatives:.1f} s, "
-          f"travel times {cpu_costs:.1f} s", flush=True)  # fmt: skip
+    print(
+        f"{len(nodes.studs)} holes, {nodes.num_nodes} nodes ({sizes.min()} to {sizes.max()} a "
+        f"hole), without any: {without or 'none'}; alternatives {cpu_alternatives:.1f} s, "
+        f"travel times {cpu_costs:.1f} s",
+        flush=True,
+    )
     solve(GtspProblem(1.0 - np.eye(4), np.arange(4)), stop=100, method="heuristic")
     known = {item.stud.id: item.stud.position_m for item in found}
     tip = station.robot.tip_pose(np.asarray(station.home_rad)).translation
@@ -201,20 +216,35 @@ def main() -> None:
     for name, tour in tours.items():
         assert problem.faults(tour) == ()
         cost = problem.tour_cost(tour)
-        rows.append({"method": name, "travel_s": round(cost, 3), "cpu_s": round(used[name], 2),
-                     "ratio": round(cost / base, 4)})  # fmt: skip
+        rows.append(
+            {
+                "method": name,
+                "travel_s": round(cost, 3),
+                "cpu_s": round(used[name], 2),
+                "ratio": round(cost / base, 4),
+            }
+        )
         print(rows[-1], flush=True)
     best = min(tours, key=lambda name: problem.tour_cost(tours[name]))
-    legs = {
-        name: certified_legs(problem, nodes, station, world, tours[name], args.legs)
-        for name in dict.fromkeys(["order, then poses", best])
-    } if args.legs else {}  # fmt: skip
+    legs = (
+        {
+            name: certified_legs(problem, nodes, station, world, tours[name], args.legs)
+            for name in dict.fromkeys(["order, then poses", best])
+        }
+        if args.legs
+        else {}
+    )
     result = {
         "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
-        "date": date.today().isoformat(), "numpy": np.__version__,
-        "holes": len(nodes.studs), "nodes": nodes.num_nodes, "without_alternative": without,
-        "alternatives_cpu_s": round(cpu_alternatives, 2), "rows": rows, "legs": legs,
-    }  # fmt: skip
+        "date": date.today().isoformat(),
+        "numpy": np.__version__,
+        "holes": len(nodes.studs),
+        "nodes": nodes.num_nodes,
+        "without_alternative": without,
+        "alternatives_cpu_s": round(cpu_alternatives, 2),
+        "rows": rows,
+        "legs": legs,
+    }
     args.out.parent.mkdir(exist_ok=True)
     args.out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     args.out.with_suffix(".md").write_text(table(result), encoding="utf-8")
@@ -236,8 +266,11 @@ def table(result: dict) -> str:
         f"| {r['travel_s'] + drilling:.1f} |"
         for r in result["rows"]
     ]
-    lines += ["", "| tour | legs planned | certified | their planned time s | their model time s |",
-              "|---|---|---|---|---|"]  # fmt: skip
+    lines += [
+        "",
+        "| tour | legs planned | certified | their planned time s | their model time s |",
+        "|---|---|---|---|---|",
+    ]
     for name, legs in result["legs"].items():
         done = [leg for leg in legs if leg["certified"]]
         real, model = (sum(leg[key] for leg in done) for key in ("duration_s", "model_s"))

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from dmoc.robot import Robot
-from planning.pairs import checked_pairs
-from planning.robot_bodies import link_bodies, tool_mounts
-from planning.shapes import Body, Shape, pose_matrix
-from planning.world import CollisionWorld, world_for
+from dmoc.robot.robot import Robot
+from planning.collision.pairs import checked_pairs
+from planning.collision.robot_bodies import link_bodies, tool_mounts
+from planning.collision.world import CollisionWorld, world_for
+from planning.geometry.shapes import Body, Shape, pose_matrix
 
 __all__ = ["SETS", "Problem", "data_folder", "problems"]
 
@@ -64,9 +64,11 @@ def problems(
         goal = {g["joint_name"]: g["position"] for g in goals}
         names = list(robot.model.names)[1:]
         yield Problem(
-            f"{folder.name}/{number}", world, np.array([start[n] for n in names], dtype=float),
+            f"{folder.name}/{number}",
+            world,
+            np.array([start[n] for n in names], dtype=float),
             np.array([goal[n] for n in names], dtype=float),
-        )  # fmt: skip
+        )
 
 
 def _load(path: Path) -> Any:

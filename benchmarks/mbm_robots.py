@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from dmoc.robot import Robot, Tool, load_robot
-from planning.shapes import Body, Shape, pose_matrix
+from dmoc.robot.robot import Robot, Tool, load_robot
+from planning.geometry.shapes import Body, Shape, pose_matrix
 
 __all__ = ["panda", "srdf_of", "ur5", "ur5_gripper"]
 

@@ -22,17 +22,16 @@ from typing import Any
 import numpy as np
 
 from benchmarks.planning_common import save, table
-from dmoc.motion import MotionProblem
-from dmoc.robot import load_robot
-from planning.convex import cover_gap_m, sample_surface
-from planning.decompose import mesh_pieces
-from planning.edge_motion import plan_motion
-from planning.mesh_gate import Mesh, load_mesh
-from planning.mesh_opinion import MeshOpinion
-from planning.piece_cache import cached_pieces
-from planning.roadmap import plan_path
-from planning.shapes import Body, Shape, pose_matrix
-from planning.world import CollisionWorld, world_for
+from dmoc.motion.motion import MotionProblem
+from dmoc.robot.robot import load_robot
+from planning.collision.mesh_opinion import MeshOpinion
+from planning.collision.world import CollisionWorld, world_for
+from planning.geometry.convex import cover_gap_m, sample_surface
+from planning.geometry.decompose import cached_pieces, mesh_pieces
+from planning.geometry.mesh import Mesh, load_mesh
+from planning.geometry.shapes import Body, Shape, pose_matrix
+from planning.path.edge_motion import plan_motion
+from planning.path.rrt_connect import plan_path
 
 PLACE_M = np.array([0.72, 0.0, 0.45])
 HALF_M = (0.32, 0.27)
@@ -95,9 +94,7 @@ def ends(world: CollisionWorld, count: int) -> np.ndarray:
         robot.q_lower_rad, robot.q_upper_rad, (400_000, robot.num_joints)
     )
     tip = world.tip_positions(q) - PLACE_M
-    behind = (
-        (np.abs(tip[:, 1:]) < 0.12).all(axis=1) & (tip[:, 0] > 0.08) & (tip[:, 0] < 0.25)
-    )  # fmt: skip
+    behind = (np.abs(tip[:, 1:]) < 0.12).all(axis=1) & (tip[:, 0] > 0.08) & (tip[:, 0] < 0.25)
     beside = (np.abs(tip[:, 1]) > 0.5) & (np.abs(tip[:, 0]) < 0.3) & (np.abs(tip[:, 2]) < 0.4)
     chosen = []
     for part in (beside, behind):
@@ -135,13 +132,16 @@ def motions(world: CollisionWorld, count: int) -> dict[str, Any]:
         least.append(min(near))
         touching += min(near) <= 0.0
     return {
-        "motions through the opening": len(pairs), "paths found": len(motion_s),
-        "certified": certified, "plan, median [ms]": 1e3 * float(np.median(plan_s)),
+        "motions through the opening": len(pairs),
+        "paths found": len(motion_s),
+        "certified": certified,
+        "plan, median [ms]": 1e3 * float(np.median(plan_s)),
         "final motion, median [s]": float(np.median(motion_s)),
-        "asked [mm]": 1e3 * CLEARANCE_M, "least proven [mm]": 1e3 * min(kept, default=np.nan),
+        "asked [mm]": 1e3 * CLEARANCE_M,
+        "least proven [mm]": 1e3 * min(kept, default=np.nan),
         "least to the triangles by coal [mm]": 1e3 * min(least, default=np.nan),
         "touching for coal": touching,
-    }  # fmt: skip
+    }
 
 
 def run(count: int, motions_wanted: int) -> dict[str, Any]:
@@ -158,12 +158,18 @@ def run(count: int, motions_wanted: int) -> dict[str, Any]:
         gap, cover_s = timed(lambda: cover_gap_m(pieces, sample_surface(mesh, 20_000, seed=0)))
         world, built_s = timed(lambda: world_for(robot, (), (_body(mesh, pieces),)))
         return {
-            "triangles": len(mesh.faces), "watertight": mesh.watertight, "read [s]": read_s,
-            "cut into pieces [s]": cut_s, "pieces": len(pieces), "cover check [s]": cover_s,
-            "largest gap [mm]": 1e3 * float(gap.max()), "pieces from the cache [s]": cached_s,
-            "the same pieces": same, "world built [s]": built_s,
+            "triangles": len(mesh.faces),
+            "watertight": mesh.watertight,
+            "read [s]": read_s,
+            "cut into pieces [s]": cut_s,
+            "pieces": len(pieces),
+            "cover check [s]": cover_s,
+            "largest gap [mm]": 1e3 * float(gap.max()),
+            "pieces from the cache [s]": cached_s,
+            "the same pieces": same,
+            "world built [s]": built_s,
             **motions(world, motions_wanted),
-        }  # fmt: skip
+        }
 
 
 def _body(mesh: Mesh, pieces: tuple[Shape, ...]) -> Body:
@@ -180,8 +186,10 @@ def main() -> None:
     world_for(load_robot("ur10e_class")).clearance()
     rows = [run(int(count), options.motions) for count in options.triangles.split(",")]
     names = list(rows[0])
-    text = table(["figure", *(str(row["triangles"]) for row in rows)],
-                 [[name, *(row[name] for row in rows)] for name in names[1:]])  # fmt: skip
+    text = table(
+        ["figure", *(str(row["triangles"]) for row in rows)],
+        [[name, *(row[name] for row in rows)] for name in names[1:]],
+    )
     print(text)
     save("meshes", rows, "Obstacles of many triangles", text)
 

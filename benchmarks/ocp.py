@@ -31,14 +31,14 @@ os.environ.setdefault("DMOC_BACKEND", "c")
 import numpy as np
 from ocp_peers import Crocoddyl, Drake, Rockit, Toppra
 
-from dmoc.cost import Cost
-from dmoc.motion import MotionProblem
-from dmoc.nlp_types import DEFAULT_PARAMS, SolveParams
-from dmoc.resimulation import replay_motion
-from dmoc.robot import Robot, load_robot
-from dmoc.running_cost import trajectory_cost
-from dmoc.solver import solve
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.physics.resimulation import replay_motion
+from dmoc.physics.running_cost import trajectory_cost
+from dmoc.programme.types import DEFAULT_PARAMS, SolveParams
+from dmoc.robot.robot import Robot, load_robot
+from dmoc.solving.solver import solve
 
 RESULTS = Path(__file__).parent / "results"
 REPEATS = 3
@@ -125,12 +125,14 @@ def compare(name: str, count: int, peers: list) -> dict:
             entry["cost_ratio_within_limits"] = float(np.median([worth[i] for i in legal]))
         if legal and not kind.free_time:
             entry["cost_ratio_to_finer"] = float(
-                np.median([
-                    trajectory_cost(results[i][0], free, cost)
-                    / trajectory_cost(finer[i][0].trajectory, free, cost)
-                    for i in legal
-                ])
-            )  # fmt: skip
+                np.median(
+                    [
+                        trajectory_cost(results[i][0], free, cost)
+                        / trajectory_cost(finer[i][0].trajectory, free, cost)
+                        for i in legal
+                    ]
+                )
+            )
         report[peer.name] = entry
     return report
 
@@ -169,11 +171,14 @@ def reliability(name: str, count: int, params: SolveParams) -> dict:
         iterations.append(motion.iterations)
         defects.append(motion.max_defect)
     return {
-        "pairs": count, "statuses": dict(statuses), "cpu_ms_median": 1e3 * float(np.median(cpu)),
+        "pairs": count,
+        "statuses": dict(statuses),
+        "cpu_ms_median": 1e3 * float(np.median(cpu)),
         "cpu_ms_p99": 1e3 * float(np.percentile(cpu, 99)),
-        "iterations_median": float(np.median(iterations)), "iterations_worst": max(iterations),
+        "iterations_median": float(np.median(iterations)),
+        "iterations_worst": max(iterations),
         "largest_defect": max(defects),
-    }  # fmt: skip
+    }
 
 
 def installed(kinds: list) -> tuple[list, list]:
@@ -207,8 +212,11 @@ def first_result_seconds(name: str) -> float:
 
 
 def table(report: dict) -> str:
-    lines = ["| tool | CPU ms (worst) | CPU / dmoc | J median | J / dmoc | within limits: J / dmoc "
-             "(pairs) | end mrad | failed |", "|---|---|---|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "| tool | CPU ms (worst) | CPU / dmoc | J median | J / dmoc | within limits: J / dmoc "
+        "(pairs) | end mrad | failed |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for label, row in report.items():
         cpu, worth = row.get("cpu_ratio_to_dmoc"), row.get("cost_ratio_to_dmoc")
         fair = row.get("cost_ratio_within_limits")
@@ -250,21 +258,39 @@ def main() -> None:
         except metadata.PackageNotFoundError:
             versions[package] = "not installed"
     data = {
-        "date": datetime.date.today().isoformat(), "machine": platform.machine(),
-        "cores": os.cpu_count(), "python": platform.python_version(), "versions": versions,
-        "missing": missing, "comparison": {}, "reliability": {}, "first_result_s": {},
-    }  # fmt: skip
-    text = ["# Optimal control beside its peers", "", __doc__.split("\n\n")[2], "",
-            f"{data['date']}, {data['cores']} cores, Python {data['python']}, "
-            + ", ".join(f"{k} {v}" for k, v in versions.items())
-            + (f"; not installed: {', '.join(missing)}" if missing else ""), ""]  # fmt: skip
+        "date": datetime.date.today().isoformat(),
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "versions": versions,
+        "missing": missing,
+        "comparison": {},
+        "reliability": {},
+        "first_result_s": {},
+    }
+    text = [
+        "# Optimal control beside its peers",
+        "",
+        __doc__.split("\n\n")[2],
+        "",
+        f"{data['date']}, {data['cores']} cores, Python {data['python']}, "
+        + ", ".join(f"{k} {v}" for k, v in versions.items())
+        + (f"; not installed: {', '.join(missing)}" if missing else ""),
+        "",
+    ]
     for name in options.robots if options.pairs else []:
         report = compare(name, options.pairs, peers)
         data["comparison"][name] = report
         data["first_result_s"][name] = first_result_seconds(name)
-        text += [f"## {name}, {options.pairs} problems", "", table(report), "",
-                 f"Fresh process, empty cache, import to first motion: "
-                 f"{data['first_result_s'][name]:.2f} s wall.", ""]  # fmt: skip
+        text += [
+            f"## {name}, {options.pairs} problems",
+            "",
+            table(report),
+            "",
+            f"Fresh process, empty cache, import to first motion: "
+            f"{data['first_result_s'][name]:.2f} s wall.",
+            "",
+        ]
     for name in (options.reliability_robots or options.robots) if options.reliability else []:
         found = reliability(
             name, options.reliability, SolveParams(solver=options.reliability_solver)

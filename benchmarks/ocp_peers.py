@@ -9,13 +9,13 @@ import time
 import casadi as ca
 import numpy as np
 
-from dmoc.cost import Cost
-from dmoc.dynamics import lagrangian_gradients
-from dmoc.guess import straight_guess
-from dmoc.motion import MotionProblem
-from dmoc.programme import arm_of
-from dmoc.robot import Robot
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.physics.dynamics import lagrangian_gradients
+from dmoc.programme.builder import arm_of
+from dmoc.programme.guess import straight_guess
+from dmoc.robot.robot import Robot
 
 
 def forward_dynamics(robot: Robot) -> ca.Function:
@@ -122,14 +122,24 @@ class Crocoddyl:
             goal = np.concatenate([problem.goal_rad, np.zeros(n)])
             speed = croc.ActivationModelWeightedQuad(np.concatenate([np.zeros(n), np.ones(n)]))
             if terminal:
-                costs.addCost("goal", croc.CostModelResidual(
-                    state, croc.ResidualModelState(state, goal, n)), 1e6)  # fmt: skip
+                costs.addCost(
+                    "goal",
+                    croc.CostModelResidual(state, croc.ResidualModelState(state, goal, n)),
+                    1e6,
+                )
             else:
-                costs.addCost("v", croc.CostModelResidual(
-                    state, speed, croc.ResidualModelState(state, np.zeros(2 * n), n)),
-                    2 * cost.velocity)  # fmt: skip
-                costs.addCost("u", croc.CostModelResidual(
-                    state, croc.ResidualModelControl(state, n)), 2 * cost.effort)  # fmt: skip
+                costs.addCost(
+                    "v",
+                    croc.CostModelResidual(
+                        state, speed, croc.ResidualModelState(state, np.zeros(2 * n), n)
+                    ),
+                    2 * cost.velocity,
+                )
+                costs.addCost(
+                    "u",
+                    croc.CostModelResidual(state, croc.ResidualModelControl(state, n)),
+                    2 * cost.effort,
+                )
             dynamics = croc.DifferentialActionModelFreeFwdDynamics(state, actuation, costs)
             dynamics.armature = armature
             dynamics.u_lb, dynamics.u_ub = -robot.torque_limit_nm, robot.torque_limit_nm
@@ -190,16 +200,23 @@ class Drake:
             body = plant.AddRigidBody(
                 f"body{j}",
                 drake.SpatialInertia.MakeFromCentralInertia(
-                    inertia.mass, inertia.lever,
-                    drake.RotationalInertia(turn[0, 0], turn[1, 1], turn[2, 2],
-                                            turn[0, 1], turn[0, 2], turn[1, 2]),
+                    inertia.mass,
+                    inertia.lever,
+                    drake.RotationalInertia(
+                        turn[0, 0], turn[1, 1], turn[2, 2], turn[0, 1], turn[0, 2], turn[1, 2]
+                    ),
                 ),
-            )  # fmt: skip
+            )
             mount = drake.RigidTransform(drake.RotationMatrix(place.rotation), place.translation)
             frame = drake.FixedOffsetFrame(f"frame{j}", parent.body_frame(), mount)
-            joint = plant.AddJoint(drake.RevoluteJoint(
-                f"joint{j}", plant.AddFrame(frame), body.body_frame(), np.array(arm.joints[j].axis)
-            ))  # fmt: skip
+            joint = plant.AddJoint(
+                drake.RevoluteJoint(
+                    f"joint{j}",
+                    plant.AddFrame(frame),
+                    body.body_frame(),
+                    np.array(arm.joints[j].axis),
+                )
+            )
             motor = plant.AddJointActuator(f"motor{j}", joint, robot.torque_limit_nm[j])
             motor.set_default_rotor_inertia(robot.armature_kg_m2[j])
             motor.set_default_gear_ratio(1.0)
@@ -230,8 +247,9 @@ class Drake:
                 motion.AddConstraintToAllKnotPoints(variable <= most)
         program = motion.prog()
         for state, q in (
-            (motion.initial_state(), problem.start_rad), (motion.final_state(), problem.goal_rad),
-        ):  # fmt: skip
+            (motion.initial_state(), problem.start_rad),
+            (motion.final_state(), problem.goal_rad),
+        ):
             at = np.concatenate([q, zero])
             program.AddBoundingBoxConstraint(at, at, state)
         motion.AddRunningCost(cost.time + cost.effort * u.dot(u) + cost.velocity * x[n:].dot(x[n:]))

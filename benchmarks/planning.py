@@ -26,9 +26,9 @@ from benchmarks.mbm import SETS, Problem, data_folder, problems
 from benchmarks.mbm_robots import panda, srdf_of, ur5, ur5_gripper
 from benchmarks.planning_common import merged, save, table
 from benchmarks.planning_peers import has_pyroboplan, pyroboplan_ms
-from dmoc.motion import MotionProblem
+from dmoc.motion.motion import MotionProblem
 from dmoc.refinement import RefineParams, refine
-from planning.roadmap import plan_path
+from planning.path.rrt_connect import plan_path
 
 GROWTH_M = 0.01
 END_GAP_M = 0.002
@@ -115,16 +115,22 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
             peer.append(plan(problem, planner="compiled")[1])
             ours.append(whole[len(peer) - 1])
     return {
-        "set": name, "problems": count, "valid ends": valid, "invalid": dict(faults),
-        "solved": solved, "unsolved": unsolved,
+        "set": name,
+        "problems": count,
+        "valid ends": valid,
+        "invalid": dict(faults),
+        "solved": solved,
+        "unsolved": unsolved,
         "search + proof, median [ms]": float(np.median(search)),
         "search + proof, p90 [ms]": float(np.percentile(search, 90)),
         "with shortcuts, median [ms]": float(np.median(whole)),
         "with shortcuts, p90 [ms]": float(np.percentile(whole, 90)),
         "OMPL's planner on our checks: solved": ompl_solved,
         "OMPL's planner on our checks, median [ms]": float(np.median(ompl_ms)),
-        "refined": refinements, "refined and certified": certified,
-        "fallbacks": fallbacks, "not certified": not_certified,
+        "refined": refinements,
+        "refined and certified": certified,
+        "fallbacks": fallbacks,
+        "not certified": not_certified,
         "refinement, median [s]": float(np.median(motion_s)) if motion_s else float("nan"),
         "OMPL with fcl / ours": (
             float(np.median(np.array(peer) / np.array(ours))) if peer else float("nan")
@@ -132,18 +138,31 @@ def run_set(name: str, robot: Any, tool: Any, folder: Path, options: Any) -> dic
         "pyroboplan: solved": f"{sum(done for done, _ in other)}/{len(other)}",
         "pyroboplan / ours": (
             float(np.median([ms for _, ms in other] / np.array(whole[: len(other)])))
-            if other else float("nan")
+            if other
+            else float("nan")
         ),
-    }  # fmt: skip
+    }
 
 
 SHOWN = (
-    "set", "problems", "valid ends", "solved", "search + proof, median [ms]",
-    "search + proof, p90 [ms]", "with shortcuts, median [ms]", "with shortcuts, p90 [ms]",
-    "OMPL's planner on our checks: solved", "OMPL's planner on our checks, median [ms]",
-    "refined", "refined and certified", "fallbacks", "refinement, median [s]",
-    "OMPL with fcl / ours", "pyroboplan: solved", "pyroboplan / ours",
-)  # fmt: skip
+    "set",
+    "problems",
+    "valid ends",
+    "solved",
+    "search + proof, median [ms]",
+    "search + proof, p90 [ms]",
+    "with shortcuts, median [ms]",
+    "with shortcuts, p90 [ms]",
+    "OMPL's planner on our checks: solved",
+    "OMPL's planner on our checks, median [ms]",
+    "refined",
+    "refined and certified",
+    "fallbacks",
+    "refinement, median [s]",
+    "OMPL with fcl / ours",
+    "pyroboplan: solved",
+    "pyroboplan / ours",
+)
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.mbm import Problem
-from planning.engines.coal_engine import coal_geometry
+from planning.collision.coal_engine import coal_geometry
 
 __all__ = ["has_pyroboplan", "pyroboplan_ms"]
 
@@ -41,9 +41,13 @@ def pyroboplan_ms(problem: Problem, seed: int) -> tuple[bool, float]:
     for a, b in scene.pairs.piece:
         geometry.addCollisionPair(pin.CollisionPair(first[int(a)], first[int(b)]))
     options = RRTPlannerOptions(
-        max_step_size=STEP_RAD, max_connection_dist=CONNECT_RAD, rrt_connect=True,
-        bidirectional_rrt=True, max_planning_time=BUDGET_S, rng_seed=seed,
-    )  # fmt: skip
+        max_step_size=STEP_RAD,
+        max_connection_dist=CONNECT_RAD,
+        rrt_connect=True,
+        bidirectional_rrt=True,
+        max_planning_time=BUDGET_S,
+        rng_seed=seed,
+    )
     planner = RRTPlanner(model, geometry, options)
     begin = time.process_time()
     path = planner.plan(problem.start_rad, problem.goal_rad)

@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.planning_common import merged, save, table
-from planning.alternatives_search import alternatives
-from planning.station import demo_station
-from planning.world import CollisionWorld
-from sequencing.edge_worker import EdgeJob, Quality, edge_motion, weld_line
-from sequencing.store import encode_motion
+from planning.collision.world import CollisionWorld
+from planning.station.build import demo_station
+from planning.welds.alternatives_search import alternatives
+from sequencing.edges.store import encode_motion
+from sequencing.edges.worker import EdgeJob, Quality, edge_motion, weld_line
 
 STATIONS = ("stud_welding_a", "stud_welding_b", "stud_welding_c")
 
@@ -50,9 +50,16 @@ def run(name: str, count: int, quality: Quality) -> dict[str, Any]:
         poses = [alternative.q_rad for alternative in chosen]
         ids = [end.stud if isinstance(end.stud, str) else end.stud.id for end in ends]
         job = EdgeJob(
-            context="", key="", origin=ids[0], target=ids[1], start_rad=tuple(poses[0]),
-            goal_rad=tuple(poses[1]), quality="screen", method="halfspaces", seed=number,
-        )  # fmt: skip
+            context="",
+            key="",
+            origin=ids[0],
+            target=ids[1],
+            start_rad=tuple(poses[0]),
+            goal_rad=tuple(poses[1]),
+            quality="screen",
+            method="halfspaces",
+            seed=number,
+        )
         if quality == "final":
             screened = edge_motion(station, world, studs, job)
             job = replace(job, quality="final", screened=encode_motion(screened))
@@ -77,19 +84,27 @@ def run(name: str, count: int, quality: Quality) -> dict[str, Any]:
             overstated.append(f"{ids[0]} to {ids[1]}")
     both = spent[True] + spent[False]
     return {
-        "station": name, "pairs": count, "refined and certified": outcome["refined"],
-        "certified fallback": outcome["fallback"], "not certified": outcome["not certified"],
+        "station": name,
+        "pairs": count,
+        "refined and certified": outcome["refined"],
+        "certified fallback": outcome["fallback"],
+        "not certified": outcome["not certified"],
         "touching for fcl at 1 kHz": len(touching),
         "nearer for fcl than proven": len(overstated),
         "proven clearance, median [mm]": 1e3 * float(np.median(kept)),
         "demanded [mm]": 1e3 * world.clearance_m,
         "proven to keep it": sum(k >= world.clearance_m * (1 - 1e-9) for k in kept),
         "least proven [mm]": 1e3 * min(kept),
-        "CPU, median [s]": float(np.median(both)), "CPU, p90 [s]": float(np.percentile(both, 90)),
-        "lines free": len(spent[True]), "CPU of these, median [s]": _median(spent[True]),
-        "lines that hit": len(spent[False]), "CPU of those, median [s]": _median(spent[False]),
-        "failed": failed, "touching": touching, "overstated": overstated,
-    }  # fmt: skip
+        "CPU, median [s]": float(np.median(both)),
+        "CPU, p90 [s]": float(np.percentile(both, 90)),
+        "lines free": len(spent[True]),
+        "CPU of these, median [s]": _median(spent[True]),
+        "lines that hit": len(spent[False]),
+        "CPU of those, median [s]": _median(spent[False]),
+        "failed": failed,
+        "touching": touching,
+        "overstated": overstated,
+    }
 
 
 def _median(values: list[float]) -> float:

@@ -63,11 +63,13 @@ def read_skoda(path) -> SkodaCell:
     robots = [_robot(node) for node in root.find("robots")]
     lags = [
         (
-            int(lag.find("from-activity").text), int(lag.find("to-activity").text),
-            float(lag.find("length").text), int(lag.find("height").text),
+            int(lag.find("from-activity").text),
+            int(lag.find("to-activity").text),
+            float(lag.find("length").text),
+            int(lag.find("height").text),
         )
         for lag in root.iter("time-lag")
-    ]  # fmt: skip
+    ]
     return SkodaCell(tuple(robots), tuple(lags), float(root.find("production-cycle-time").text))
 
 
@@ -193,9 +195,14 @@ def solve_modes(
     best, best_d, lower = np.inf, {}, -np.inf
     for _ in range(60):
         out = linprog(
-            cost, np.array(bound), bound_to, np.array(equal), equal_to,
-            np.stack([low, high], axis=1), method="highs",
-        )  # fmt: skip
+            cost,
+            np.array(bound),
+            bound_to,
+            np.array(equal),
+            equal_to,
+            np.stack([low, high], axis=1),
+            method="highs",
+        )
         if out.status != 0:
             return np.inf, np.inf, {}
         lower = float(out.fun)
@@ -239,9 +246,12 @@ def solve(cell: SkodaCell, tolerance: float = 1e-7) -> dict[str, float]:
         if high < best:
             best, chosen = high, modes
     return {
-        "best_j": best, "lower_j": min(lower, best), "solved": solved, "combinations": len(combos),
+        "best_j": best,
+        "lower_j": min(lower, best),
+        "solved": solved,
+        "combinations": len(combos),
         "modes": "".join(map(str, chosen)),
-    }  # fmt: skip
+    }
 
 
 def full_speed_j(cell: SkodaCell) -> float:
@@ -270,20 +280,25 @@ def main() -> None:
     rows = [
         {"case": "maximum speed, motors on", "energy_kj": full / 1e3},
         {
-            "case": "timing, motors on", "energy_kj": motors[1] / 1e3,
-            "lower_bound_kj": motors[0] / 1e3, "saving_percent": 100 * (1 - motors[1] / full),
+            "case": "timing, motors on",
+            "energy_kj": motors[1] / 1e3,
+            "lower_bound_kj": motors[0] / 1e3,
+            "saving_percent": 100 * (1 - motors[1] / full),
             "cpu_s": motors_s,
         },
         {
-            "case": "timing and power modes", "energy_kj": found["best_j"] / 1e3,
+            "case": "timing and power modes",
+            "energy_kj": found["best_j"] / 1e3,
             "lower_bound_kj": found["lower_j"] / 1e3,
-            "saving_percent": 100 * (1 - found["best_j"] / full), "cpu_s": modes_s,
-            "modes": found["modes"], "convex_problems": found["solved"],
+            "saving_percent": 100 * (1 - found["best_j"] / full),
+            "cpu_s": modes_s,
+            "modes": found["modes"],
+            "convex_problems": found["solved"],
             "combinations": found["combinations"],
             "gap_percent": 100 * (1 - found["lower_j"] / found["best_j"]),
         },
         {"case": "published (CTU), about", "saving_percent": PUBLISHED_SAVING},
-    ]  # fmt: skip
+    ]
     save_table("skoda", rows, "Skoda cell of CTU: energy per cycle of 55.84 s")
 
 

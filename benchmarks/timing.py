@@ -20,25 +20,25 @@ from scipy.optimize import differential_evolution
 from scipy.optimize import minimize as scipy_minimize
 
 from benchmarks.timing_common import save_table
+from dmoc.motion.trajectory import JointTrajectory
 from dmoc.swarm import SwarmParams, minimise
-from dmoc.trajectory import JointTrajectory
-from sequencing.timing.arm_shapes import ArmShapes, joint_frames
-from sequencing.timing.optimise import SearchParams, optimise_timing
-from sequencing.timing.path_power import exact_power_w
-from sequencing.timing.prepared import Geometry, prepare_cell
-from sequencing.timing.sampled_check import BROAD, NARROW, SampledCheck
-from sequencing.timing.segment_distance import segment_distances
-from sequencing.timing.slack import decode_batch, slack_graph
-from sequencing.timing.strategies import (
+from sequencing.timing.clearance.arms import ArmShapes, joint_frames
+from sequencing.timing.clearance.block_kernels import segment_distances
+from sequencing.timing.clearance.swept import swept_path
+from sequencing.timing.power.along_path import exact_power_w
+from sequencing.timing.power.timeline import cost, cost_and_gradient, cost_batch
+from sequencing.timing.search.optimise import SearchParams, optimise_timing
+from sequencing.timing.search.prepared import Geometry, prepare_cell
+from sequencing.timing.search.slack import decode_batch, slack_graph
+from sequencing.timing.search.windows import (
     fast_timing,
     general_timing,
     make_windows,
     stretched_timing,
     window_timing,
 )
-from sequencing.timing.study import pallet_cell
-from sequencing.timing.swept import swept_path
-from sequencing.timing.timeline import cost, cost_and_gradient, cost_batch
+from studies.pallet_cell.sampled_check import BROAD, NARROW, SampledCheck
+from studies.pallet_cell.study import pallet_cell
 
 SEEDS = range(10)
 PENALTY = 1e7
@@ -160,8 +160,10 @@ def routines() -> None:
         for narrow in NARROW:
             row: dict[str, object] = {"broad": broad, "narrow": narrow}
             for title, count, timing in (
-                ("16 free", 2, fast), ("24 colliding", 3, slow), ("24 free", 3, fast),
-            ):  # fmt: skip
+                ("16 free", 2, fast),
+                ("24 colliding", 3, slow),
+                ("24 free", 3, fast),
+            ):
                 check = SampledCheck(cell.robots[:count], (), broad, narrow, skip)
                 q = [window_joints(cell, windows, index, r, timing, 100) for r in range(count)]
                 hit = check.first_collision(q) >= 0
@@ -188,11 +190,14 @@ def meshes() -> None:
             spent.append(cpu_us(lambda c=check, q=q: c.first_collision(q), 1) / 1e3)
         rows.append(
             {
-                "broad": broad, "obstacles": len(obstacles), "windows": len(spent),
-                "median_ms": float(np.median(spent)), "largest_ms": float(np.max(spent)),
+                "broad": broad,
+                "obstacles": len(obstacles),
+                "windows": len(spent),
+                "median_ms": float(np.median(spent)),
+                "largest_ms": float(np.max(spent)),
                 "goal": "<= 10" if broad == "capsules" and not obstacles else "",
             }
-        )  # fmt: skip
+        )
     save_table("timing_meshes", rows, "Trajectory check: 3 arms as meshes, 500 samples")
 
 
@@ -240,18 +245,24 @@ def false_free(total: int = 10_000, instants: int = 100, fine: int = 4000) -> No
                             tests += 1
                             result.clear()
                             if coal.collide(
-                                placers[i].shapes.solids[c], placers[i].transform(k[i], c),
-                                placers[j].shapes.solids[d], placers[j].transform(k[j], d),
-                                request, result,
-                            ):  # fmt: skip
+                                placers[i].shapes.solids[c],
+                                placers[i].transform(k[i], c),
+                                placers[j].shapes.solids[d],
+                                placers[j].transform(k[j], d),
+                                request,
+                                result,
+                            ):
                                 hit = True
             wrong += hit
         rows.append(
             {
-                "window": index, "timings": len(timing), "called free": int(free.sum()),
-                "of these colliding": int(wrong), "exact tests": tests,
+                "window": index,
+                "timings": len(timing),
+                "called free": int(free.sum()),
+                "of these colliding": int(wrong),
+                "exact tests": tests,
             }
-        )  # fmt: skip
+        )
     save_table("timing_false_free", rows, "Coordination maps against the dense exact check")
 
 
@@ -315,11 +326,14 @@ def windows_table() -> None:
                 counts.append(window.count)
             rows.append(
                 {
-                    "collisions": title, "method": name, "median_j": float(np.median(found)),
-                    "worst_j": float(np.max(found)), "evaluations": int(np.median(counts)),
+                    "collisions": title,
+                    "method": name,
+                    "median_j": float(np.median(found)),
+                    "worst_j": float(np.max(found)),
+                    "evaluations": int(np.median(counts)),
                     "cpu_ms": 1e3 * float(np.median(spent)),
                 }
-            )  # fmt: skip
+            )
     save_table("timing_windows", rows, f"Window {index} of the pallet cell, 4 variables, 10 seeds")
 
 
@@ -334,9 +348,11 @@ def peers(window: Window, prepared) -> list[tuple[str, Callable[[int], float]]]:
 
     def small(seed: int) -> float:
         params = SearchParams(
-            method="swarm", scattered=64, swarm=SwarmParams(particles=12, iterations=2),
+            method="swarm",
+            scattered=64,
+            swarm=SwarmParams(particles=12, iterations=2),
             polish_rounds=8,
-        )  # fmt: skip
+        )
         found = optimise_timing(window.line, window.graph, seed, window.free, params)
         window.count = found.evaluations
         return found.value_j
@@ -363,17 +379,24 @@ def peers(window: Window, prepared) -> list[tuple[str, Callable[[int], float]]]:
         return float(min(run.fun for run in runs))
 
     found = [
-        ("own default", ours), ("own, small budget", small), ("own swarm only", swarm),
-        ("SciPy DE", evolution(60)), ("SciPy DE, 10x", evolution(600)), ("SLSQP x6", slsqp),
-    ]  # fmt: skip
+        ("own default", ours),
+        ("own, small budget", small),
+        ("own swarm only", swarm),
+        ("SciPy DE", evolution(60)),
+        ("SciPy DE, 10x", evolution(600)),
+        ("SLSQP x6", slsqp),
+    ]
     try:
         import cma
 
         def evolve(seed: int, budget: int = 1500) -> float:
             options = {
-                "bounds": [0, 1], "seed": seed + 1, "verbose": -9, "maxfevals": budget,
+                "bounds": [0, 1],
+                "seed": seed + 1,
+                "verbose": -9,
+                "maxfevals": budget,
                 "tolfun": 1e-7,
-            }  # fmt: skip
+            }
             out = cma.fmin2(window.one, 0.5 * (low + high), 0.3, options)
             return float(out[1].result.fbest)
 
@@ -386,9 +409,11 @@ def peers(window: Window, prepared) -> list[tuple[str, Callable[[int], float]]]:
         def flock(seed: int) -> float:
             np.random.seed(seed)  # noqa: NPY002  (pyswarms knows only the global generator)
             optimiser = pyswarms.single.GlobalBestPSO(
-                n_particles=30, dimensions=len(box), bounds=(low, high),
+                n_particles=30,
+                dimensions=len(box),
+                bounds=(low, high),
                 options={"c1": 1.49618, "c2": 1.49618, "w": 0.7298},
-            )  # fmt: skip
+            )
 
             def objective(x: np.ndarray) -> np.ndarray:
                 value = window.batch(x)
@@ -466,22 +491,29 @@ def grid() -> None:
             found = optimise_timing(line, graph, seed, free)
             rows.append(
                 {
-                    "window": index, "robots": f"{one}, {two}", "seed": seed,
+                    "window": index,
+                    "robots": f"{one}, {two}",
+                    "seed": seed,
                     "grid_j": float(energy.min()),
                     "own_j": found.value_j,
                     "own_above_grid_percent": 100 * (found.value_j / energy.min() - 1),
                     "start_j": cost(line, np.zeros(2), np.ones(2)),
                     "blocked_percent": 100 * float(1 - allowed.mean()),
                 }
-            )  # fmt: skip
+            )
     save_table("timing_grid", rows, "Two robots: own search against a 200 x 200 grid")
 
 
 TABLES = {
-    "evaluation": evaluation, "collision": collision, "windows": windows_table, "whole": whole,
-    "grid": grid, "routines": routines, "meshes": meshes,
+    "evaluation": evaluation,
+    "collision": collision,
+    "windows": windows_table,
+    "whole": whole,
+    "grid": grid,
+    "routines": routines,
+    "meshes": meshes,
     "false_free": false_free,
-}  # fmt: skip
+}
 
 
 def main() -> None:

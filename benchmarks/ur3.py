@@ -20,12 +20,12 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from benchmarks.timing_common import RESULTS, save_table
-from dmoc.bezier_descent import descend_bezier
-from dmoc.bezier_problem import BezierProblem, Evaluator
-from dmoc.bezier_swarm import PAPER_SWARM, PENALTY, swarm_bezier
-from dmoc.robot import load_robot
-from sequencing.studies.ur3_moves import paper_moves
-from sequencing.studies.ur3_world import avoid_in, forbidden_in, tabletop_world
+from dmoc.robot.robot import load_robot
+from studies.ur3.bezier_descent import descend_bezier
+from studies.ur3.bezier_problem import BezierProblem, Evaluator
+from studies.ur3.bezier_swarm import PAPER_SWARM, PENALTY, swarm_bezier
+from studies.ur3.moves import paper_moves
+from studies.ur3.world import avoid_in, forbidden_in, tabletop_world
 
 POPULATION, ITERATIONS = 30, 250
 Objective = Callable[[np.ndarray], np.ndarray]
@@ -96,10 +96,16 @@ def genetic(objective: Objective, task: Task, seed: int) -> None:
 def differential(objective: Objective, task: Task, seed: int) -> None:
     """scipy's differential evolution."""
     differential_evolution(
-        lambda x: objective(np.atleast_2d(x.T)), list(zip(task.lower, task.upper)),
-        init=task.start(seed), maxiter=ITERATIONS - 1, tol=0.0, polish=False, rng=seed,
-        vectorized=True, updating="deferred",
-    )  # fmt: skip
+        lambda x: objective(np.atleast_2d(x.T)),
+        list(zip(task.lower, task.upper)),
+        init=task.start(seed),
+        maxiter=ITERATIONS - 1,
+        tol=0.0,
+        polish=False,
+        rng=seed,
+        vectorized=True,
+        updating="deferred",
+    )
 
 
 def cma_es(objective: Objective, task: Task, seed: int) -> None:
@@ -107,10 +113,16 @@ def cma_es(objective: Objective, task: Task, seed: int) -> None:
     import cma
 
     search = cma.CMAEvolutionStrategy(
-        np.clip(task.problem.straight, task.lower + 1e-6, task.upper - 1e-6), 0.2,
-        {"popsize": POPULATION, "seed": seed + 1, "verbose": -9,
-         "bounds": [task.lower, task.upper], "maxiter": ITERATIONS},
-    )  # fmt: skip
+        np.clip(task.problem.straight, task.lower + 1e-6, task.upper - 1e-6),
+        0.2,
+        {
+            "popsize": POPULATION,
+            "seed": seed + 1,
+            "verbose": -9,
+            "bounds": [task.lower, task.upper],
+            "maxiter": ITERATIONS,
+        },
+    )
     for _ in range(ITERATIONS):
         points = search.ask()
         search.tell(points, list(objective(np.array(points))))
@@ -120,8 +132,10 @@ def main() -> None:
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     task = Task("A")
     methods: dict[str, Callable[[Objective, Task, int], None]] = {
-        "GA": genetic, "DE": differential, "CMA-ES": cma_es,
-    }  # fmt: skip
+        "GA": genetic,
+        "DE": differential,
+        "CMA-ES": cma_es,
+    }
     try:
         import cma  # noqa: F401
     except ImportError:
@@ -156,22 +170,31 @@ def main() -> None:
         within = [np.flatnonzero(h <= 1.05 * least) for h in histories]
         reached = [int(w[0]) + 1 for w in within if w.size]
         rows.append(
-            {"search": name, "median N m s": float(np.median(final)),
-             "best": float(final.min()), "worst": float(final.max()),
-             "runs within 5 % of best known": f"{len(reached)}/{runs}",
-             "median iteration of that": float(np.median(reached)) if reached else "",
-             "CPU / PSO": cpu / found["PSO (paper)"][1]}
-        )  # fmt: skip
+            {
+                "search": name,
+                "median N m s": float(np.median(final)),
+                "best": float(final.min()),
+                "worst": float(final.max()),
+                "runs within 5 % of best known": f"{len(reached)}/{runs}",
+                "median iteration of that": float(np.median(reached)) if reached else "",
+                "CPU / PSO": cpu / found["PSO (paper)"][1],
+            }
+        )
     rows.append(
-        {"search": "gradient, 4 starts", "median N m s": float(np.median(gradients)),
-         "best": min(gradients), "worst": max(gradients),
-         "runs within 5 % of best known": f"{sum(g <= 1.05 * least for g in gradients)}/{runs}",
-         "CPU / PSO": gradient_cpu / found["PSO (paper)"][1]}
-    )  # fmt: skip
+        {
+            "search": "gradient, 4 starts",
+            "median N m s": float(np.median(gradients)),
+            "best": min(gradients),
+            "worst": max(gradients),
+            "runs within 5 % of best known": f"{sum(g <= 1.05 * least for g in gradients)}/{runs}",
+            "CPU / PSO": gradient_cpu / found["PSO (paper)"][1],
+        }
+    )
     save_table(
-        "ur3_search", rows,
+        "ur3_search",
+        rows,
         f"Summed torque of movement A over {runs} runs, 30 curves x 250 iterations each",
-    )  # fmt: skip
+    )
     curves = {
         name: np.median(np.array(histories), axis=0).tolist()
         for name, (histories, _) in found.items()

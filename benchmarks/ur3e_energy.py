@@ -37,12 +37,21 @@ A_M = (0.0, -0.24355, -0.2132, 0.0, 0.0, 0.0)
 ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 MASS_KG = (1.98, 3.4445, 1.437, 0.871, 0.805, 0.261)
 COM_M = (
-    (0, -0.02, 0), (0.13, 0, 0.1157), (0.05, 0, 0.0238), (0, 0, 0.01), (0, 0, 0.01), (0, 0, -0.02)
-)  # fmt: skip
+    (0, -0.02, 0),
+    (0.13, 0, 0.1157),
+    (0.05, 0, 0.0238),
+    (0, 0, 0.01),
+    (0, 0, 0.01),
+    (0, 0, -0.02),
+)
 INERTIA_KG_M2 = (  # about the centre of mass; assumed, slender bodies of these masses
-    (0.0081, 0.0076, 0.0081), (0.0069, 0.0334, 0.0311), (0.0017, 0.0070, 0.0072),
-    (0.0008, 0.0007, 0.0007), (0.0006, 0.0006, 0.0005), (0.0001, 0.0001, 0.0002),
-)  # fmt: skip
+    (0.0081, 0.0076, 0.0081),
+    (0.0069, 0.0334, 0.0311),
+    (0.0017, 0.0070, 0.0072),
+    (0.0008, 0.0007, 0.0007),
+    (0.0006, 0.0006, 0.0005),
+    (0.0001, 0.0001, 0.0002),
+)
 RATED_NM = np.array([56.0, 56.0, 28.0, 12.0, 12.0, 12.0])
 GROUPS = ((0, 1), (2,), (3, 4, 5))
 
@@ -85,12 +94,16 @@ def read_moves(folder: Path) -> list[Move]:
         com = np.array([column(f"payload_cog_{k}")[0] for k in range(3)])
         moves.append(
             Move(
-                path.stem, column("timestamp"), joints("actual_q"), joints("actual_qd"),
+                path.stem,
+                column("timestamp"),
+                joints("actual_q"),
+                joints("actual_qd"),
                 joints("actual_current"),
                 column("actual_robot_voltage") * column("actual_robot_current"),
-                float(column("payload")[0]), com,
+                float(column("payload")[0]),
+                com,
             )
-        )  # fmt: skip
+        )
     return moves
 
 

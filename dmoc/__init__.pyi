@@ -1,21 +1,15 @@
-from .batch import solve_many as solve_many
-from .cost import Cost as Cost
-from .cost import ElectricalCost as ElectricalCost
 from .errors import DmocError as DmocError
-from .motion import (
-    Motion as Motion,
-)
-from .motion import (
-    MotionNotSolved as MotionNotSolved,
-)
-from .motion import (
-    MotionProblem as MotionProblem,
-)
+from .motion.cost import Cost as Cost
+from .motion.cost import ElectricalCost as ElectricalCost
+from .motion.motion import Motion as Motion
+from .motion.motion import MotionNotSolved as MotionNotSolved
+from .motion.motion import MotionProblem as MotionProblem
+from .motion.status import Status as Status
+from .motion.trajectory import JointPath as JointPath
+from .motion.trajectory import JointTrajectory as JointTrajectory
+from .physics.resimulation import replay_motion as replay_motion
 from .refinement import refine as refine
-from .resimulation import replay_motion as replay_motion
-from .robot import Robot as Robot
-from .robot import load_robot as load_robot
-from .solver import solve as solve
-from .status import Status as Status
-from .trajectory import JointPath as JointPath
-from .trajectory import JointTrajectory as JointTrajectory
+from .robot.robot import Robot as Robot
+from .robot.robot import load_robot as load_robot
+from .solving.solver import solve as solve
+from .solving.solver import solve_many as solve_many

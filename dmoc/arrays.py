@@ -9,8 +9,6 @@ import numpy.typing as npt
 
 from dmoc.errors import Fault, ProblemError
 
-__all__ = ["Array", "joint_vector", "readonly"]
-
 Array = npt.NDArray[np.float64]
 
 
@@ -20,9 +18,14 @@ def readonly(values: Any, name: str, ndim: int) -> Array:
     if array.ndim != ndim or not np.all(np.isfinite(array)):
         bad = f"shape {array.shape}" if array.ndim != ndim else "NaN or infinite entries"
         raise ProblemError(
-            Fault("array", field=name, value=bad, legal=f"{ndim} axes, finite numbers",
-                  fix=f"check what was passed as {name}")
-        )  # fmt: skip
+            Fault(
+                "array",
+                field=name,
+                value=bad,
+                legal=f"{ndim} axes, finite numbers",
+                fix=f"check what was passed as {name}",
+            )
+        )
     array.setflags(write=False)
     return array
 
@@ -34,7 +37,12 @@ def joint_vector(values: Any, name: str, num_joints: int) -> Array:
         array = np.full(num_joints, float(array))
     if array.shape != (num_joints,):
         raise ProblemError(
-            Fault("joint-vector", field=name, value=f"shape {array.shape}",
-                  legal=f"({num_joints},)", fix="give one number per joint of the robot")
-        )  # fmt: skip
+            Fault(
+                "joint-vector",
+                field=name,
+                value=f"shape {array.shape}",
+                legal=f"({num_joints},)",
+                fix="give one number per joint of the robot",
+            )
+        )
     return readonly(array, name, ndim=1)

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
-__all__ = ["DmocError", "Fault", "InputError", "MeshError", "ProblemError", "RobotError"]
-
 
 @dataclass(frozen=True)
 class Fault:

@@ -37,9 +37,13 @@ def njit(
     if function is None:
         return lambda given: njit(given, inner=inner, plain=plain, fastmath=fastmath)
     options: dict[str, Any] = {
-        "nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True,
-        "no_cpython_wrapper": inner, "fastmath": fastmath, **(_PLAIN if plain else {}),
-    }  # fmt: skip
+        "nogil": True,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+        "no_cpython_wrapper": inner,
+        "fastmath": fastmath,
+        **(_PLAIN if plain else {}),
+    }
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # neither the installation nor a home can be written

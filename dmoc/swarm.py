@@ -22,8 +22,6 @@ import numpy as np
 
 from dmoc.errors import Fault, ProblemError
 
-__all__ = ["Swarm", "SwarmParams", "SwarmResult", "minimise"]
-
 Wall = Literal["invisible", "absorbing", "reflecting"]
 
 

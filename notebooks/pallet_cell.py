@@ -27,9 +27,9 @@ import os
 import matplotlib.pyplot as plt
 import numpy as np
 
-from sequencing.timing.prepared import prepare_cell
-from sequencing.timing.schedule import schedule
-from sequencing.timing.study import (
+from sequencing.timing.scheduling import schedule
+from sequencing.timing.search.prepared import prepare_cell
+from studies.pallet_cell.study import (
     capacity_sweep,
     crossing_cell,
     first_trajectories,

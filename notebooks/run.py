@@ -37,9 +37,11 @@ def execute(name: str, cell_timeout_s: int) -> str:
     """Execute a notebook in `_built/`, write .ipynb and .html; the error, or an empty text."""
     notebook = jupytext.read(FOLDER / f"{name}.py")
     client = NotebookClient(
-        notebook, timeout=cell_timeout_s, kernel_name="python3",
+        notebook,
+        timeout=cell_timeout_s,
+        kernel_name="python3",
         resources={"metadata": {"path": str(BUILT)}},
-    )  # fmt: skip
+    )
     error = ""
     try:
         client.execute()

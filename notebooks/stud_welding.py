@@ -34,16 +34,16 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 from IPython.display import Markdown
 
-from planning.world import CollisionWorld
+from planning.collision.world import CollisionWorld
 from sequencing.commands.workers import worker_pool
-from sequencing.report import stud_welding_figures as figures
-from sequencing.report import stud_welding_tables as tables
+from sequencing.edges.store import EdgeStore
 from sequencing.report.scene import write_scene
-from sequencing.report.stud_welding_station import draw_slice, draw_stages, draw_tip_paths
-from sequencing.run_timeline import timeline
-from sequencing.store import EdgeStore
-from sequencing.studies.stud_welding import run_stud_welding_study
-from sequencing.studies.stud_welding_stages import refine_in_stages, tightest_motion
+from sequencing.runs.clock import timeline
+from studies.stud_welding import figures as figures
+from studies.stud_welding import tables as tables
+from studies.stud_welding.stages import refine_in_stages, tightest_motion
+from studies.stud_welding.station_pictures import draw_slice, draw_stages, draw_tip_paths
+from studies.stud_welding.study import run_stud_welding_study
 
 reduced = os.environ.get("DMOC_REDUCED") == "1"
 out = Path("runs/stud_welding_reduced" if reduced else "runs/stud_welding")

@@ -36,12 +36,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dmoc import load_robot
-from sequencing.report import ur3_figures as draw
-from sequencing.studies.ur3_case import Setting, case_report, judge, saving, solve_case
-from sequencing.studies.ur3_moves import movej, paper_moves
-from sequencing.studies.ur3_reference import free_form
-from sequencing.studies.ur3_sweeps import duration_sweep
-from sequencing.studies.ur3_world import tabletop_world
+from studies.ur3 import figures as draw
+from studies.ur3.case import Setting, case_report, judge, saving, solve_case
+from studies.ur3.moves import movej, paper_moves
+from studies.ur3.reference import free_form
+from studies.ur3.sweeps import duration_sweep
+from studies.ur3.world import tabletop_world
 
 reduced = os.environ.get("DMOC_REDUCED") == "1"
 robot = load_robot("ur3e_class")

@@ -305,7 +305,7 @@ def measured(
     out: Path | None,
 ) -> CommandResult:
     """Compare a controller's log with the plan: time, position, current, energy."""
-    from sequencing.commands.measured import run_measured
+    from sequencing.commands.runs import run_measured
 
     return run_measured(console, log, run, out)
 

@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 
 from dmoc.arrays import Array, readonly
-from dmoc.motion import Motion
-from planning.station import Station
+from dmoc.motion.motion import Motion
+from planning.station.station import Station
 from sequencing.gtsp.problem import Tour
 
 
@@ -137,10 +137,12 @@ class Polish:
     def to_dict(self) -> dict[str, Any]:
         """The entry of result.json."""
         return {
-            "cost_before": self.cost_before, "cost_after": self.cost_after,
-            "saving_percent": self.saving_percent, "sweeps": self.sweeps,
+            "cost_before": self.cost_before,
+            "cost_after": self.cost_after,
+            "saving_percent": self.saving_percent,
+            "sweeps": self.sweeps,
             "moved": [{"stud": stud, "spin_rad": turn} for stud, turn in self.moved],
-        }  # fmt: skip
+        }
 
 
 @dataclass(frozen=True)
@@ -171,10 +173,11 @@ class Reuse:
     def to_dict(self) -> dict[str, Any]:
         """The entry of timing.json."""
         return {
-            "edges_reused": len(self.reused), "edges_solved": len(self.solved),
+            "edges_reused": len(self.reused),
+            "edges_solved": len(self.solved),
             "reused": [list(pair) for pair in self.reused],
             "solved": [list(pair) for pair in self.solved],
-        }  # fmt: skip
+        }
 
 
 @dataclass(frozen=True)

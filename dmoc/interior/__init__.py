@@ -8,6 +8,6 @@ RMS torque, a free last velocity, rows with equal bounds beside the momenta) is 
 
 from __future__ import annotations
 
-from dmoc.interior.solve import solve_structured
+from dmoc.interior.adapter import solve_structured
 
 __all__ = ["solve_structured"]

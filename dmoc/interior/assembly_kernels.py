@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dmoc.jit import njit
 
-__all__ = ["add_limits", "momentum_pull", "place_hessian", "place_rows"]
-
 
 @njit
 def place_hessian(curves, at, hess):  # type: ignore[no-untyped-def]

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-__all__ = ["BarrierRule"]
-
 SMALLEST_MU = 1e-11
 # Least μ per tolerance: smaller would only make the condensed system stiff, z²/μ on its diagonal.
 _SHARE_OF_TOLERANCE = 1e-4

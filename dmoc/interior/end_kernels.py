@@ -4,14 +4,23 @@ from __future__ import annotations
 
 from dmoc.jit import njit
 
-__all__ = ["factorise_end", "finish_end", "start_from_end"]
-
 
 @njit
 def factorise_end(  # type: ignore[no-untyped-def]
-    hess, rows, sigma, delta, place, n, first,
-    end_lu, end_pivot, end_map, end_hess, value, scratch,
-):  # fmt: skip
+    hess,
+    rows,
+    sigma,
+    delta,
+    place,
+    n,
+    first,
+    end_lu,
+    end_pivot,
+    end_map,
+    end_hess,
+    value,
+    scratch,
+):
     """The square last stages m = `first`..N: Y = −B_y⁻¹ B_s and the cost to go of their state.
 
     `place` (N+1−m, F) maps their frames to (state, y) or −1. Outputs: `end_lu` (t, t), `end_pivot`

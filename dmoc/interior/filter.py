@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-__all__ = ["Filter", "Merit"]
-
 _GAMMA_THETA = 1e-5
 _GAMMA_PHI = 1e-8
 _POWER_THETA = 1.1

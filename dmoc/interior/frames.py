@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmoc.programme import MotionProgramme
-from dmoc.transcription import Block, Index
-
-__all__ = ["Entries", "Frames", "frames_of", "places_of_end"]
+from dmoc.programme.builder import MotionProgramme
+from dmoc.programme.transcription import Block, Index
 
 
 @dataclass(frozen=True)
@@ -106,15 +104,19 @@ def frames_of(motion: MotionProgramme) -> Frames | None:
         return Entries(source[pick], row[pick], column[pick], target[pick])
 
     return Frames(
-        num_intervals=layout.num_intervals, num_joints=n, blocks=motion.blocks,
+        num_intervals=layout.num_intervals,
+        num_joints=n,
+        blocks=motion.blocks,
         variables=np.concatenate([block.variables.T.ravel() for block in motion.blocks]),
         multipliers=np.concatenate([_row_numbers(block) + 1 for block in motion.blocks]),
         rows=np.concatenate([_row_numbers(block) for block in motion.blocks]),
         objective=entries(np.flatnonzero(row < 0), place),
         momentum=entries(np.flatnonzero(of_momentum), flat),
-        limit=entries(order, place), limit_start=first, limit_stage=limit_stage,
+        limit=entries(order, place),
+        limit_start=first,
+        limit_stage=limit_stage,
         hess_at=np.concatenate(hess, axis=1),
-    )  # fmt: skip
+    )
 
 
 class _Flat:
@@ -172,9 +174,15 @@ def places_of_end(count: int, n: int, last_free: int) -> Index:
     torques |= {k: state + n * (k - first + 1) + joints for k in range(first, count)}
     rows = [
         np.concatenate(
-            [knots.get(k - 1, none), knots.get(k, none), torques.get(k - 1, none), [3 * n],
-             knots.get(k + 1, none), torques.get(k, none)]
+            [
+                knots.get(k - 1, none),
+                knots.get(k, none),
+                torques.get(k - 1, none),
+                [3 * n],
+                knots.get(k + 1, none),
+                torques.get(k, none),
+            ]
         )
         for k in range(first, count + 1)
-    ]  # fmt: skip
+    ]
     return np.array(rows, dtype=np.int64)

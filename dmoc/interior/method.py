@@ -20,8 +20,6 @@ from dmoc.interior.frames import Frames
 from dmoc.interior.oracle import Oracle
 from dmoc.interior.system import NewtonSystem
 
-__all__ = ["Bounds", "Outcome", "Start", "Tolerances", "minimise"]
-
 LARGEST_DUAL = 1.0
 LARGEST_VIOLATION = 1e-8
 LARGEST_PRODUCT = 1e-4
@@ -180,19 +178,32 @@ class _Run:
         acceptable = 0
         for iteration in range(self.limits.max_iterations + 1):
             dual, product, total, scale, scale_z, count = kernels.measure(
-                self.grad, self.pull, self.y, self.w, self.lo, self.up, self.z_lo, self.z_up,
-                self.fixed, self.size, self.equal, 0.0,
-            )  # fmt: skip
+                self.grad,
+                self.pull,
+                self.y,
+                self.w,
+                self.lo,
+                self.up,
+                self.z_lo,
+                self.z_up,
+                self.fixed,
+                self.size,
+                self.equal,
+                0.0,
+            )
             error = self._error(dual, product, scale, scale_z, count)
             if (
-                error <= self.limits.tolerance and dual <= LARGEST_DUAL
-                and self.worst <= LARGEST_VIOLATION and product <= LARGEST_PRODUCT
-            ):  # fmt: skip
+                error <= self.limits.tolerance
+                and dual <= LARGEST_DUAL
+                and self.worst <= LARGEST_VIOLATION
+                and product <= LARGEST_PRODUCT
+            ):
                 return self._outcome("converged", iteration)
             good = (
-                error <= self.limits.acceptable and self.worst <= ACCEPTABLE_VIOLATION
+                error <= self.limits.acceptable
+                and self.worst <= ACCEPTABLE_VIOLATION
                 and product <= ACCEPTABLE_PRODUCT
-            )  # fmt: skip
+            )
             acceptable = acceptable + 1 if good else 0
             if acceptable >= self.limits.acceptable_iterations > 0:
                 return self._outcome("acceptable", iteration)
@@ -215,10 +226,20 @@ class _Run:
             step = self._step(0.0, self.defect)
             longest = kernels.bound_step(self.w, step.w, self.lo, self.up, 1.0)
             dual = kernels.multiplier_step(self.z_lo, self.z_up, step.z_lo, step.z_up, 1.0)
-            return float(kernels.mean_product_after(
-                self.w, step.w, self.lo, self.up, self.z_lo, self.z_up, step.z_lo, step.z_up,
-                longest, dual,
-            ))  # fmt: skip
+            return float(
+                kernels.mean_product_after(
+                    self.w,
+                    step.w,
+                    self.lo,
+                    self.up,
+                    self.z_lo,
+                    self.z_up,
+                    step.z_lo,
+                    step.z_up,
+                    longest,
+                    dual,
+                )
+            )
 
         if self.rule.choose(
             self.objective, self.theta, mean_product, self._barrier_error, mean_after
@@ -302,9 +323,16 @@ class _Run:
         cost, limit = self.frames.objective, self.frames.limit
         self.system.pull(self.y[: self.equal], self.pull)
         kernels.gradients(
-            self.slopes, self.y, cost.source, cost.column, limit.source, limit.row, limit.column,
-            self.grad, self.pull,
-        )  # fmt: skip
+            self.slopes,
+            self.y,
+            cost.source,
+            cost.column,
+            limit.source,
+            limit.row,
+            limit.column,
+            self.grad,
+            self.pull,
+        )
 
     def _evaluate(self, w: Array, with_slopes: bool) -> tuple[float, float, float, Array]:
         x = w[: self.size]
@@ -315,9 +343,16 @@ class _Run:
         """Objective, Σ|defect|, largest |defect| and the defect, from the oracle's values."""
         defect = np.empty(len(self.y))
         objective, theta, worst = kernels.gather_rows(
-            self.oracle.values, self.frames.rows, self.target, w, self.lo, self.up, self.size,
-            self.equal, defect,
-        )  # fmt: skip
+            self.oracle.values,
+            self.frames.rows,
+            self.target,
+            w,
+            self.lo,
+            self.up,
+            self.size,
+            self.equal,
+            defect,
+        )
         return objective, theta, worst, defect
 
     def _step(self, mu: float, defect: Array) -> _Step:
@@ -325,23 +360,62 @@ class _Run:
         size, equal, limit = self.size, self.equal, self.frames.limit
         gradient = np.empty(size)
         kernels.right_hand_side(
-            self.grad, self.pull, self.y, defect, self.sigma, self.inwards, mu, self.slopes,
-            limit.source, limit.row, limit.column, size, equal, gradient,
-        )  # fmt: skip
+            self.grad,
+            self.pull,
+            self.y,
+            defect,
+            self.sigma,
+            self.inwards,
+            mu,
+            self.slopes,
+            limit.source,
+            limit.row,
+            limit.column,
+            size,
+            equal,
+            gradient,
+        )
         step = _Step(*(np.empty(len(v)) for v in (self.w, self.y, self.w, self.w)))
         step.w[:size], step.y[:equal] = self.system.solve(gradient, defect[:equal])
         kernels.complete(
-            defect, self.y, self.w, self.lo, self.up, self.z_lo, self.z_up, self.sigma,
-            self.inwards, mu, self.slopes, limit.source, limit.row, limit.column, size, equal,
-            step.w, step.y, step.z_lo, step.z_up,
-        )  # fmt: skip
+            defect,
+            self.y,
+            self.w,
+            self.lo,
+            self.up,
+            self.z_lo,
+            self.z_up,
+            self.sigma,
+            self.inwards,
+            mu,
+            self.slopes,
+            limit.source,
+            limit.row,
+            limit.column,
+            size,
+            equal,
+            step.w,
+            step.y,
+            step.z_lo,
+            step.z_up,
+        )
         return step
 
     def _barrier_error(self, mu: float) -> float:
         dual, product, _, scale, scale_z, count = kernels.measure(
-            self.grad, self.pull, self.y, self.w, self.lo, self.up, self.z_lo, self.z_up,
-            self.fixed, self.size, self.equal, mu,
-        )  # fmt: skip
+            self.grad,
+            self.pull,
+            self.y,
+            self.w,
+            self.lo,
+            self.up,
+            self.z_lo,
+            self.z_up,
+            self.fixed,
+            self.size,
+            self.equal,
+            mu,
+        )
         return self._error(dual, product, scale, scale_z, count)
 
     def _error(
@@ -357,6 +431,10 @@ class _Run:
         size = self.size
         rows = self.y.copy()
         return Outcome(
-            reason, self.w[:size].copy(), self.objective, self.z_up[:size] - self.z_lo[:size],
-            rows, iterations,
-        )  # fmt: skip
+            reason,
+            self.w[:size].copy(),
+            self.objective,
+            self.z_up[:size] - self.z_lo[:size],
+            rows,
+            iterations,
+        )

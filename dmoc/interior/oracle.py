@@ -14,8 +14,6 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.interior.frames import Frames
 
-__all__ = ["Oracle"]
-
 
 class Oracle:
     """The blocks of `frames` with their memory.
@@ -43,15 +41,21 @@ class Oracle:
             stage, copies = block.stage, block.copies
             local, rows = copies * stage.num_local, copies * stage.num_rows
             sizes = [
-                local, rows, copies * stage.jac_sparsity.nnz(), copies * stage.hess_sparsity.nnz()
-            ]  # fmt: skip
+                local,
+                rows,
+                copies * stage.jac_sparsity.nnz(),
+                copies * stage.hess_sparsity.nnz(),
+            ]
             z, lam, values, slopes, curves = (
                 memory[at[i] : at[i] + sizes[i]]
                 for memory, i in (
-                    (self._z, 0), (self._lam, 1), (self.values, 1), (self.slopes, 2),
+                    (self._z, 0),
+                    (self._lam, 1),
+                    (self.values, 1),
+                    (self.slopes, 2),
                     (self.curves, 3),
                 )
-            )  # fmt: skip
+            )
             at += sizes
             values_of, slopes_of, curves_of = (part.map(copies) for part in stage.parts)
             self._rows_calls.append(self._call(values_of, (z, theta), (values,)))

@@ -12,21 +12,6 @@ import numpy as np
 
 from dmoc.jit import njit
 
-__all__ = [
-    "bound_step",
-    "centring",
-    "complete",
-    "gather_rows",
-    "gradients",
-    "keep_near",
-    "log_slacks",
-    "mean_product_after",
-    "measure",
-    "multiplier_step",
-    "push_inside",
-    "right_hand_side",
-]
-
 # Multipliers of bounds stay within this factor of μ/slack.
 KEPT_FACTOR = 1e10
 
@@ -136,9 +121,27 @@ def right_hand_side(  # type: ignore[no-untyped-def]
 
 @njit
 def complete(  # type: ignore[no-untyped-def]
-    defect, y, w, lo, up, z_lo, z_up, sigma, inwards, mu, slopes, source, row, column, size, equal,
-    dw, dy, dz_lo, dz_up,
-):  # fmt: skip
+    defect,
+    y,
+    w,
+    lo,
+    up,
+    z_lo,
+    z_up,
+    sigma,
+    inwards,
+    mu,
+    slopes,
+    source,
+    row,
+    column,
+    size,
+    equal,
+    dw,
+    dy,
+    dz_lo,
+    dz_up,
+):
     """The rest of a step of which `dw[:size]` and `dy[:equal]` are known: slacks, the multipliers
     of their rows, and those of the bounds."""
     for i in range(size, w.shape[0]):

@@ -20,8 +20,6 @@ import numpy as np
 
 from dmoc.jit import njit
 
-__all__ = ["factorise", "solve"]
-
 # A pivot below this share of its diagonal is rounding and counts as not positive.
 SMALLEST_PIVOT = 1e-15
 
@@ -137,9 +135,23 @@ def _eliminate_knot(frame, fixed, at, n, gain, chol, value):  # type: ignore[no-
 
 @njit
 def solve(  # type: ignore[no-untyped-def]
-    rows, gradient, defect, pivot_h, fixed, first, n, slopes, gains, chols, hux, huu, push, known,
-    x, lam,
-):  # fmt: skip
+    rows,
+    gradient,
+    defect,
+    pivot_h,
+    fixed,
+    first,
+    n,
+    slopes,
+    gains,
+    chols,
+    hux,
+    huu,
+    push,
+    known,
+    x,
+    lam,
+):
     """x up to knot m = `first` and multipliers `lam` (N+1, n) of rows 0..m−1 for `gradient` g
     (size,) and `defect` c (N+1, n).
 

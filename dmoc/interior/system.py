@@ -15,8 +15,6 @@ from dmoc.interior.end_kernels import factorise_end, finish_end, start_from_end
 from dmoc.interior.frames import Frames, places_of_end
 from dmoc.interior.riccati_kernels import factorise, solve
 
-__all__ = ["NewtonSystem"]
-
 FIRST_SHIFT = 1e-4
 SMALLEST_SHIFT = 1e-20
 LARGEST_SHIFT = 1e20
@@ -39,13 +37,18 @@ class NewtonSystem:
         self._place = places_of_end(count, n, last_free)
         self._first = last_free - 1
         self._factor = (
-            np.zeros((count, n, wide)), np.zeros((count, n, state)), np.zeros((count, n, n)),
-            np.zeros((count, n, wide)), np.zeros((count, n, n)),
-        )  # fmt: skip
+            np.zeros((count, n, wide)),
+            np.zeros((count, n, state)),
+            np.zeros((count, n, n)),
+            np.zeros((count, n, wide)),
+            np.zeros((count, n, n)),
+        )
         self._end = (
-            np.zeros((many, many)), np.zeros(many, dtype=np.int64), np.zeros((many, state)),
+            np.zeros((many, many)),
+            np.zeros(many, dtype=np.int64),
+            np.zeros((many, state)),
             np.zeros((many, many + state)),
-        )  # fmt: skip
+        )
         self._frame, self._value = np.zeros((full, full)), np.zeros((state, state))
         self._scratch, self._end_scratch = np.zeros((n, wide)), np.zeros((state + many,) * 2)
         self._push, self._known = np.zeros((3, count, n)), np.zeros((3, full))
@@ -82,9 +85,15 @@ class NewtonSystem:
         limit = self.frames.limit
         if len(weight):
             add_limits(
-                slopes, limit.source, limit.target, self.frames.limit_start,
-                self.frames.limit_stage, weight, self._dense, self.hess,
-            )  # fmt: skip
+                slopes,
+                limit.source,
+                limit.target,
+                self.frames.limit_start,
+                self.frames.limit_stage,
+                weight,
+                self._dense,
+                self.hess,
+            )
 
     def factorise(self, sigma: Array, fixed: Array) -> bool:
         """Factor with the smallest of a few shifts for which the inertia is right.
@@ -96,14 +105,31 @@ class NewtonSystem:
         shift = 0.0
         while True:
             if not factorise_end(
-                self.hess, self.rows, sigma, shift, self._place, n, self._first, *self._end,
-                self._value, self._end_scratch,
-            ):  # fmt: skip
+                self.hess,
+                self.rows,
+                sigma,
+                shift,
+                self._place,
+                n,
+                self._first,
+                *self._end,
+                self._value,
+                self._end_scratch,
+            ):
                 return False
             self._pivot = factorise(
-                self.hess, self.rows, sigma, shift, fixed, self._first, n, *self._factor,
-                self._frame, self._value, self._scratch,
-            )  # fmt: skip
+                self.hess,
+                self.rows,
+                sigma,
+                shift,
+                fixed,
+                self._first,
+                n,
+                *self._factor,
+                self._frame,
+                self._value,
+                self._scratch,
+            )
             if self._pivot > 0.0:
                 break
             if shift == 0.0:
@@ -125,8 +151,18 @@ class NewtonSystem:
         defect = defect.reshape(lam.shape)
         start_from_end(gradient, defect, n, first, *self._end, self._end_known, self._known)
         solve(
-            self.rows, gradient, defect, self._pivot, self._fixed, first, n, *self._factor,
-            self._push, self._known, x, lam,
-        )  # fmt: skip
+            self.rows,
+            gradient,
+            defect,
+            self._pivot,
+            self._fixed,
+            first,
+            n,
+            *self._factor,
+            self._push,
+            self._known,
+            x,
+            lam,
+        )
         finish_end(n, first, *self._end, self._end_known, self._known, x, lam)
         return x, lam.reshape(-1)

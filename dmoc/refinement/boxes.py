@@ -14,12 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from dmoc.clearance import Clearance
+from dmoc.motion.clearance import Clearance
 from dmoc.refinement.iterate import Points
 from dmoc.refinement.params import RefineParams
 from dmoc.refinement.points import View
-
-__all__ = ["box_half_widths", "kept_level"]
 
 # A point that is nearer than d_c (its seed was) may still use this share of what it has above half
 # of d_c; a box of no width would leave the solver nothing to move.

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmoc.blended_path import FreeTest
-from dmoc.clearance import Clearance
-from dmoc.motion import Motion, MotionProblem
-from dmoc.parametrise import TimedPath, time_scale
-from dmoc.running_cost import trajectory_cost
-from dmoc.status import Status
-from dmoc.trajectory import JointPath
-
-__all__ = ["fallback_motion"]
+from dmoc.curves.blended_path import FreeTest
+from dmoc.curves.time_scaling import TimedPath, time_scale
+from dmoc.motion.clearance import Clearance
+from dmoc.motion.motion import Motion, MotionProblem
+from dmoc.motion.status import Status
+from dmoc.motion.trajectory import JointPath
+from dmoc.physics.running_cost import trajectory_cost
 
 _BLEND_CLEARANCE_M = 0.005
 

@@ -12,17 +12,62 @@ the chord changes slowly and is exact where the iteration stands still.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
+from scipy.optimize import linprog
 
 from dmoc.arrays import Array
-from dmoc.nlp_types import PathRows
-from dmoc.refinement.feasible import yielding
+from dmoc.programme.types import PathRows
 from dmoc.refinement.iterate import Points
 from dmoc.refinement.points import View
 
-__all__ = ["half_spaces"]
+# Of what can be had, this share is asked for: interior-point methods need an interior.
+_SHARE = 0.9
+
+
+def yielding(rows: PathRows, wanted: Array, radius: Array) -> Array:
+    """`wanted` (R,) [m] of the rows, lowered until all can be met within `radius` (N+1, n) [rad].
+
+    `wanted` is the change of distance demanded from each row: negative where there is room.
+    """
+    if not np.any(wanted > 0):
+        return wanted
+    count, n = len(wanted), radius.shape[1]
+    share = rows.fraction[:, None]
+    first = (rows.interval[:, None] * n + np.arange(n)).ravel()
+    matrix = sparse.csr_matrix(
+        (
+            np.concatenate(
+                [((1 - share) * rows.gradient).ravel(), (share * rows.gradient).ravel()]
+            ),
+            (np.tile(np.repeat(np.arange(count), n), 2), np.concatenate([first, first + n])),
+        ),
+        shape=(count, radius.size),
+    )
+    free = np.flatnonzero(radius.ravel() > 0)
+    bound = radius.ravel()[free]
+    # The overloads of scipy's stubs do not know sparse matrices.
+    solve: Any = linprog
+    result = solve(
+        np.concatenate([np.zeros(len(free)), np.ones(count)]),
+        A_ub=-sparse.hstack([matrix[:, free], sparse.identity(count, format="csr")]).tocsr(),
+        b_ub=-wanted,
+        bounds=np.column_stack(
+            [
+                np.concatenate([-bound, np.zeros(count)]),
+                np.concatenate([bound, np.full(count, np.inf)]),
+            ]
+        ),
+        method="highs",
+    )
+    if result.x is None:
+        return np.minimum(wanted, 0.0)
+    given = wanted - result.x[len(free) :]
+    return np.where(given > 0, _SHARE * given, given)
+
 
 # A row may ask for at most this share of what the trust region can give: the programme stays
 # feasible even where several rows pull.

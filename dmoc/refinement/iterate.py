@@ -9,20 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from dmoc.motion import MotionProblem, straight_path
-from dmoc.nlp_types import Guess, NlpSolution
-from dmoc.parametrise import time_scale
-from dmoc.state import knot_velocities, residuals
-from dmoc.trajectory import JointPath, JointTrajectory
-
-__all__ = [
-    "Iterate",
-    "Points",
-    "fixed_knots",
-    "iterate_from_guess",
-    "iterate_from_path",
-    "iterate_from_trajectory",
-]
+from dmoc.curves.time_scaling import time_scale
+from dmoc.motion.motion import MotionProblem, straight_path
+from dmoc.motion.trajectory import JointPath, JointTrajectory
+from dmoc.physics.state import knot_velocities, residuals
+from dmoc.programme.types import Guess, NlpSolution
 
 # A time-optimal seed with a nearly full stop can be hundreds of times too slow.
 LONGEST_SEED_RATIO = 3.0
@@ -58,9 +49,13 @@ class Iterate:
     def of(cls, solution: NlpSolution) -> Iterate:
         """What a solve ended at."""
         return cls(
-            solution.q_rad, solution.torque_nm, solution.velocity_rad_s, solution.step_s,
-            solution.cost, solution.multipliers,
-        )  # fmt: skip
+            solution.q_rad,
+            solution.torque_nm,
+            solution.velocity_rad_s,
+            solution.step_s,
+            solution.cost,
+            solution.multipliers,
+        )
 
     def guess(self) -> Guess:
         """Where the next solve starts."""
@@ -156,8 +151,9 @@ def iterate_from_trajectory(problem: MotionProblem, trajectory: JointTrajectory)
     q = np.clip(q, lower, upper)
     torque = np.clip(
         problem.robot.gravity_torque_nm(0.5 * (q[:-1] + q[1:])),
-        -problem.robot.torque_limit_nm, problem.robot.torque_limit_nm,
-    )  # fmt: skip
+        -problem.robot.torque_limit_nm,
+        problem.robot.torque_limit_nm,
+    )
     return Iterate(q, torque, velocity, float(step_s))
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.clearance import Certificate, Clearance
 from dmoc.errors import Fault, ProblemError
-from dmoc.motion import Motion, MotionProblem
-from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Guess, NlpSolution
+from dmoc.motion.clearance import Certificate, Clearance
+from dmoc.motion.motion import Motion, MotionProblem
+from dmoc.motion.status import Status
+from dmoc.motion.trajectory import JointPath, JointTrajectory
+from dmoc.programme.types import Guess, NlpSolution
 from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.iterate import (
     Iterate,
@@ -22,13 +23,9 @@ from dmoc.refinement.iterate import (
 )
 from dmoc.refinement.params import Method, RefineParams, Trace
 from dmoc.refinement.points import View, look, points_of
-from dmoc.refinement.repair import repaired_stage, restart
 from dmoc.refinement.steps import Stage, Step, demanded, take_step
-from dmoc.refinement.watch import watching
-from dmoc.status import Status
-from dmoc.trajectory import JointPath, JointTrajectory
-
-__all__ = ["refine"]
+from dmoc.refinement.watch import repaired_stage, restart, watching
+from dmoc.solving.nlp import solve_nlp
 
 _NO_RISE_M = 1e-3
 _MOST_PUSHES = 8
@@ -68,9 +65,14 @@ def refine(
     """
     if method not in ("halfspaces", "boxes", "none"):
         raise ProblemError(
-            Fault("method", field="method", value=repr(method), legal="halfspaces, boxes, none",
-                  fix="use halfspaces unless you compare with the paper")
-        )  # fmt: skip
+            Fault(
+                "method",
+                field="method",
+                value=repr(method),
+                legal="halfspaces, boxes, none",
+                fix="use halfspaces unless you compare with the paper",
+            )
+        )
     params = params or RefineParams()
     if isinstance(path, JointTrajectory):
         first = iterate_from_trajectory(problem, path)
@@ -137,9 +139,17 @@ class _Loop:
         params = self.params
         points = points_of(self.problem, params.fractions)
         stage = Stage(
-            self.problem, self.clearance, self.method, params, points,
-            np.zeros(self.problem.num_intervals), points, np.zeros(0), 0, self.trace,
-        )  # fmt: skip
+            self.problem,
+            self.clearance,
+            self.method,
+            params,
+            points,
+            np.zeros(self.problem.num_intervals),
+            points,
+            np.zeros(0),
+            0,
+            self.trace,
+        )
         stage = replace(stage, required_m=demanded(stage, points))
         start_trust = 1.0 if self.method == "boxes" else params.trust_rad
         trust = np.full(self.problem.num_intervals + 1, start_trust)

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from dmoc.arrays import Array
-from dmoc.nlp_types import SolveParams
-
-__all__ = ["Method", "RefineParams", "RefineRecord", "Trace"]
+from dmoc.programme.types import SolveParams
 
 Method = Literal["halfspaces", "boxes", "none"]
 

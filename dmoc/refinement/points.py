@@ -8,11 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from dmoc.clearance import Clearance, Rows
-from dmoc.motion import MotionProblem
+from dmoc.motion.clearance import Clearance, Rows
+from dmoc.motion.motion import MotionProblem
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
-
-__all__ = ["View", "joined", "knots_of", "look", "points_of", "required_clearance"]
 
 # Share of a fixed end's clearance that the points beside it must keep.
 _END_SHARE = 0.9
@@ -31,10 +29,16 @@ class View:
         """The view of the first `count` points."""
         keep = np.flatnonzero(self.rows.knot < count)
         return View(
-            self.q_rad[:count], self.chord_rad[:count], self.phi_m[:count],
-            Rows(self.rows.knot[keep], self.rows.distance_m[keep], self.rows.gradient[keep],
-                 tuple(self.rows.pair[k] for k in keep)),
-        )  # fmt: skip
+            self.q_rad[:count],
+            self.chord_rad[:count],
+            self.phi_m[:count],
+            Rows(
+                self.rows.knot[keep],
+                self.rows.distance_m[keep],
+                self.rows.gradient[keep],
+                tuple(self.rows.pair[k] for k in keep),
+            ),
+        )
 
 
 def joined(view: View, other: View) -> View:
@@ -47,9 +51,10 @@ def joined(view: View, other: View) -> View:
         Rows(
             np.concatenate([a.knot, b.knot + len(view.phi_m)]),
             np.concatenate([a.distance_m, b.distance_m]),
-            np.concatenate([a.gradient, b.gradient]), a.pair + b.pair,
+            np.concatenate([a.gradient, b.gradient]),
+            a.pair + b.pair,
         ),
-    )  # fmt: skip
+    )
 
 
 def points_of(problem: MotionProblem, fractions: tuple[float, ...]) -> Points:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.cost import Cost
 from dmoc.jit import njit
-from dmoc.robot import Robot
+from dmoc.motion.cost import Cost
+from dmoc.robot.robot import Robot
 from sequencing.bounds.field import CellGrid, FieldCells
 from sequencing.bounds.series import ArmSeries
 
@@ -50,9 +50,14 @@ class Curves:
 
 
 def leaving_curves(
-    robot: Robot, cost: Cost, series: ArmSeries, grid: CellGrid, cells: FieldCells,
-    q_rad: Array, t_s: Array,
-) -> Curves:  # fmt: skip
+    robot: Robot,
+    cost: Cost,
+    series: ArmSeries,
+    grid: CellGrid,
+    cells: FieldCells,
+    q_rad: Array,
+    t_s: Array,
+) -> Curves:
     """Curves of the nodes `q_rad` (V, n) at times `t_s` (K+1,), starting with 0."""
     bearing = np.array(series.bearing)
     x = np.ascontiguousarray(q_rad[:, bearing])
@@ -61,21 +66,48 @@ def leaving_curves(
     speed = np.minimum(robot.velocity_limit_rad_s, t_s[:, None] * robot.acceleration_limit_rad_s2)
     drift = radius @ series.slope.T
     rate, weight = _boxes(
-        x, offset, radius[:, bearing], drift, series.spread, speed, bearing,
-        grid.around, grid.lower, grid.step, cells.alpha, cells.low, cells.high, cells.diagonal,
-        cells.cross, cost.time, cost.effort,
-    )  # fmt: skip
+        x,
+        offset,
+        radius[:, bearing],
+        drift,
+        series.spread,
+        speed,
+        bearing,
+        grid.around,
+        grid.lower,
+        grid.step,
+        cells.alpha,
+        cells.low,
+        cells.high,
+        cells.diagonal,
+        cells.cross,
+        cost.time,
+        cost.effort,
+    )
     spent = np.zeros_like(rate)
     spent[:, 1:] = np.cumsum(rate[:, 1:] * np.diff(t_s), axis=1)
     # Anywhere, at any time: a box that holds all cells, any angle of the others, full speed.
     everywhere = np.array([2.0 * np.pi * np.ones(2)])
     middle = (grid.points[0] + grid.points[-1])[None] / 2
     least, _ = _boxes(
-        middle, np.zeros((1, 2)), np.vstack([everywhere, everywhere]) * 10,
-        np.vstack([series.spread, series.spread]), series.spread,
-        np.vstack([robot.velocity_limit_rad_s] * 2), bearing, grid.around, grid.lower, grid.step,
-        cells.alpha, cells.low, cells.high, cells.diagonal, cells.cross, cost.time, cost.effort,
-    )  # fmt: skip
+        middle,
+        np.zeros((1, 2)),
+        np.vstack([everywhere, everywhere]) * 10,
+        np.vstack([series.spread, series.spread]),
+        series.spread,
+        np.vstack([robot.velocity_limit_rad_s] * 2),
+        bearing,
+        grid.around,
+        grid.lower,
+        grid.step,
+        cells.alpha,
+        cells.low,
+        cells.high,
+        cells.diagonal,
+        cells.cross,
+        cost.time,
+        cost.effort,
+    )
     return Curves(spent, weight, float(least[0, 1]))
 
 
@@ -91,9 +123,24 @@ def _least_form(a, b, c, u, w):  # type: ignore[no-untyped-def]
 
 @njit
 def _boxes(  # type: ignore[no-untyped-def]
-    x, offset, radius, drift, spread, speed, bearing, around, lower, step, alpha, low, high,
-    diagonal, cross, price_time, price_effort,
-):  # fmt: skip
+    x,
+    offset,
+    radius,
+    drift,
+    spread,
+    speed,
+    bearing,
+    around,
+    lower,
+    step,
+    alpha,
+    low,
+    high,
+    diagonal,
+    cross,
+    price_time,
+    price_effort,
+):
     """rate (V, K+1) and usable diagonal (V, K+1, n) of the box of every node and time."""
     nodes, times, n = x.shape[0], radius.shape[0], diagonal.shape[2]
     counts = diagonal.shape[:2]

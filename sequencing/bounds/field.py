@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from dmoc.cost import Cost
-from dmoc.robot import Robot
+from dmoc.motion.cost import Cost
+from dmoc.robot.robot import Robot
 from sequencing.bounds.series import ArmSeries
 
 STEP_RAD = np.deg2rad(5.0)
@@ -138,8 +138,10 @@ def _between(series: ArmSeries, grid: CellGrid, part: np.ndarray, field: int) ->
         s = [np.asarray((kg**p) @ torque) for p in (0, 1, 2)]
         here = second(s, change)
         for column, joint in enumerate(bearing):
-            slope = [np.asarray((np.abs(series.gravity_k[:, column]) * kg**p) @ torque)
-                     for p in (0, 1, 2)]  # fmt: skip
+            slope = [
+                np.asarray((np.abs(series.gravity_k[:, column]) * kg**p) @ torque)
+                for p in (0, 1, 2)
+            ]
             # (M Ds)_{i, joint} = M_{i, l} ∂s_l/∂x_joint, and its transpose.
             extra = second(slope, [v[:, :, bearing[field]] for v in value])
             here[:, :, joint] += extra

@@ -14,8 +14,8 @@ from itertools import product
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.robot import Robot
-from dmoc.state import mass_matrices
+from dmoc.physics.state import mass_matrices
+from dmoc.robot.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -68,15 +68,17 @@ def arm_series(robot: Robot) -> ArmSeries:
     labels = labels[np.argsort(np.abs(labels).sum(axis=1), kind="stable")]
     keys = np.unique(waves[:, bearing], axis=0)
     place = {tuple(row): i for i, row in enumerate(waves[:, bearing + others])}
-    table = np.array(
-        [[mass[place[(*key, *label)]] for key in keys] for label in labels]
-    )  # fmt: skip
+    table = np.array([[mass[place[(*key, *label)]] for key in keys] for label in labels])
     table[1:] *= 2.0
     return ArmSeries(
-        bearing=(first, second), gravity=mine[fixed], gravity_k=frequency[fixed][:, bearing],
-        spread=rest.sum(axis=0), slope=rest.T @ np.abs(frequency[~fixed]),
-        mass=table, mass_k=keys,
-    )  # fmt: skip
+        bearing=(first, second),
+        gravity=mine[fixed],
+        gravity_k=frequency[fixed][:, bearing],
+        spread=rest.sum(axis=0),
+        slope=rest.T @ np.abs(frequency[~fixed]),
+        mass=table,
+        mass_k=keys,
+    )
 
 
 def _grid(counts: tuple[int, ...]) -> Array:

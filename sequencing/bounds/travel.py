@@ -19,8 +19,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from dmoc.arrays import Array
-from dmoc.cost import Cost
-from dmoc.robot import Robot
+from dmoc.motion.cost import Cost
+from dmoc.robot.robot import Robot
 from sequencing.bounds.curves import Curves, leaving_curves, shortest_time
 from sequencing.bounds.field import cell_grid, field_cells, lie_terms
 from sequencing.bounds.series import arm_series
@@ -28,11 +28,22 @@ from sequencing.bounds.series import arm_series
 # Scales of the reference torque on the two bearing joints, and whether the other joints' share of
 # the quadratic form is spent on relieving these two. Small ones hold for long motions.
 SCALES = (
-    (1.0, 1.0, True), (1.0, 0.5, True), (0.75, 0.5, True), (0.75, 0.25, True), (0.5, 0.5, True),
-    (0.5, 0.25, True), (0.35, 0.2, True), (0.35, 0.2, False), (0.25, 0.1, True),
-    (0.25, 0.1, False), (0.23, 0.05, True), (0.2, 0.1, True), (0.15, 0.08, False),
-    (0.1, 0.05, False), (0.05, 0.03, False),
-)  # fmt: skip
+    (1.0, 1.0, True),
+    (1.0, 0.5, True),
+    (0.75, 0.5, True),
+    (0.75, 0.25, True),
+    (0.5, 0.5, True),
+    (0.5, 0.25, True),
+    (0.35, 0.2, True),
+    (0.35, 0.2, False),
+    (0.25, 0.1, True),
+    (0.25, 0.1, False),
+    (0.23, 0.05, True),
+    (0.2, 0.1, True),
+    (0.15, 0.08, False),
+    (0.1, 0.05, False),
+    (0.05, 0.03, False),
+)
 HALF_TIMES_S = np.concatenate([np.arange(0.0, 1.0, 0.04), np.linspace(1.0, 3.0, 11)])
 
 

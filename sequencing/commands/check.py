@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from dmoc.errors import Fault
-from planning.check import check_station
-from planning.init_station import init_station
-from planning.station import available_stations, demo_station
+from planning.station.build import available_stations, demo_station
+from planning.station.template import init_station
+from planning.welds.check import check_station
 from sequencing.commands.console import CommandResult, Console, save_json
 
 

@@ -14,18 +14,30 @@ import numpy as np
 from sequencing.commands.console import CommandResult, Console, save_json
 
 PACKAGES = (
-    "dmoc", "casadi", "pin", "coal", "python-fcl", "ompl", "numpy", "scipy", "numba", "networkx",
-    "toppra", "pydantic", "viser", "mujoco",
-)  # fmt: skip
+    "dmoc",
+    "casadi",
+    "pin",
+    "coal",
+    "python-fcl",
+    "ompl",
+    "numpy",
+    "scipy",
+    "numba",
+    "networkx",
+    "toppra",
+    "pydantic",
+    "viser",
+    "mujoco",
+)
 
 
 def run_doctor(console: Console, out: Path | None) -> CommandResult:
     """Print what was found; exit 3 if the solve does not work."""
-    from dmoc.codegen import backend_report
-    from dmoc.motion import MotionProblem
-    from dmoc.robot import available_robots, load_robot
-    from dmoc.solver import solve
-    from planning.scene import ENGINES
+    from dmoc.motion.motion import MotionProblem
+    from dmoc.programme.codegen import backend_report
+    from dmoc.robot.robot import available_robots, load_robot
+    from dmoc.solving.solver import solve
+    from planning.collision.scene import ENGINES
 
     backend = backend_report()
     versions = {name: _version(name) for name in PACKAGES}
@@ -34,14 +46,19 @@ def run_doctor(console: Console, out: Path | None) -> CommandResult:
     began = time.process_time()
     motion = solve(problem)
     data = {
-        "python": platform.python_version(), "machine": platform.machine(),
-        "cores": os.cpu_count(), "packages": versions,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "packages": versions,
         "backend": {**asdict(backend), "folder": str(backend.folder)},
         "collision": {"default": ENGINES[0], "second_opinions": list(ENGINES[1:])},
         "robots": list(available_robots()),
-        "solve": {"status": motion.status.value, "cost": motion.cost,
-                  "cpu_s": time.process_time() - began},
-    }  # fmt: skip
+        "solve": {
+            "status": motion.status.value,
+            "cost": motion.cost,
+            "cpu_s": time.process_time() - began,
+        },
+    }
     console.show(f"python {data['python']} on {data['machine']}, {data['cores']} cores")
     for name, found in versions.items():
         console.show(f"  {name:<12} {found or 'not installed'}")

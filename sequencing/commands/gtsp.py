@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sequencing.commands.console import CommandResult, Console, save_json
-from sequencing.gtsp.command import run_gtsp_file
+from sequencing.gtsp.file_report import run_gtsp_file
 
 
 def run_gtsp(

@@ -4,17 +4,63 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 from dmoc.refinement.params import Method
-from planning.station import Station, available_stations, demo_station, load_station
+from planning.station.build import available_stations, demo_station, load_station
+from planning.station.station import Station
 from sequencing.commands.console import CommandResult, Console
-from sequencing.commands.run_folder import no_cycle, open_bench, write_pages
-from sequencing.cycle import NoCycle, PlanEvent, PlanStop, plan_station
+from sequencing.commands.workers import worker_pool
+from sequencing.cycle.plan import NoCycle, PlanEvent, PlanStop, plan_station
 from sequencing.cycle_types import Cycle, Reuse
-from sequencing.run_files import write_run
+from sequencing.edges.store import EdgeStore
+from sequencing.report.curves import write_curves
+from sequencing.report.html import write_report
+from sequencing.report.progress import plan_progress
+from sequencing.report.scene import write_scene
+from sequencing.runs.folder import read_run, write_run
+
+
+@dataclass(frozen=True)
+class RunBench:
+    """What solving edges needs: the store in the folder, worker processes, a progress bar."""
+
+    store: EdgeStore
+    executor: Executor | None
+    progress: Callable[[PlanEvent], None]
+
+
+@contextmanager
+def open_bench(folder: Path, workers: int) -> Iterator[RunBench]:
+    """Store, workers and progress bar for the run in `folder`, closed in the end."""
+    with (
+        EdgeStore(folder / "edges.sqlite") as store,
+        worker_pool(workers) as executor,
+        plan_progress() as progress,
+    ):
+        yield RunBench(store, executor, progress)
+
+
+def no_cycle(console: Console, none: NoCycle, folder: Path) -> CommandResult:
+    """Say why there is no cycle; exit 3."""
+    for key, reason in none.reasons.items():
+        console.say(f"no cycle: {key}: {reason}")
+    return CommandResult({"status": "no_cycle", "reasons": none.reasons, "out": str(folder)}, 3)
+
+
+def write_pages(cycle: Cycle, folder: Path) -> None:
+    """Curves, scene and report of the run that `write_run` left in `folder`."""
+    robot, name = cycle.station.robot, cycle.station.name
+    run = read_run(folder, robot)
+    write_curves(run.timeline, robot, folder / "curves.png", name)
+    write_scene(cycle.station, run.timeline, folder / "scene.html", name)
+    write_report(run, robot, folder / "report.html")
+
 
 DEMO = "stud_welding_a_8"
 
@@ -57,9 +103,15 @@ def run_plan(
     try:
         with open_bench(folder, workers) as bench:
             cycle = plan_station(
-                station, seed=seed, method=cast(Method, method), stop=stop, store=bench.store,
-                executor=bench.executor, progress=_kept(bench.progress, events), polish=polish,
-            )  # fmt: skip
+                station,
+                seed=seed,
+                method=cast(Method, method),
+                stop=stop,
+                store=bench.store,
+                executor=bench.executor,
+                progress=_kept(bench.progress, events),
+                polish=polish,
+            )
     except NoCycle as none:
         return no_cycle(console, none, folder)
     planned = time.perf_counter() - began
@@ -87,24 +139,35 @@ def headline(cycle: Cycle, wall_s: float, out: Path) -> dict[str, Any]:
     """The object that `dmoc demo --json` and `dmoc plan --json` print."""
     search, tables = cycle.search, cycle.tables
     return {
-        "studs": len(cycle.welds), "configurations": cycle.configurations,
-        "edges": {"total": search.edges_total, "evaluated": search.edges_evaluated,
-                  "training": search.edges_training, "held_out": search.edges_held_out,
-                  "failed": search.edges_failed},
+        "studs": len(cycle.welds),
+        "configurations": cycle.configurations,
+        "edges": {
+            "total": search.edges_total,
+            "evaluated": search.edges_evaluated,
+            "training": search.edges_training,
+            "held_out": search.edges_held_out,
+            "failed": search.edges_failed,
+        },
         "time_based": tables.time_based.to_dict(),
         "time_based_totals": list(tables.time_based_totals),
         "energy_based": tables.energy_based.to_dict(),
-        "saving_percent": tables.saving_percent, "lower_bound": search.lower_bound,
-        "bound_is_proven": search.bound_is_proven, "gap_percent": search.gap_percent,
+        "saving_percent": tables.saving_percent,
+        "lower_bound": search.lower_bound,
+        "bound_is_proven": search.bound_is_proven,
+        "gap_percent": search.gap_percent,
         "conditional_gap_percent": search.conditional_gap_percent,
         "conditional_factor": search.conditional_factor,
-        "coverage_percent": search.coverage_percent, "stopped_by": search.stopped_by,
+        "coverage_percent": search.coverage_percent,
+        "stopped_by": search.stopped_by,
         "polish": None if cycle.polish is None else cycle.polish.to_dict(),
-        "cycle_time_s": cycle.duration_s, "motions": len(cycle.motions),
-        "certified": cycle.certified, "fallbacks": cycle.fallbacks,
+        "cycle_time_s": cycle.duration_s,
+        "motions": len(cycle.motions),
+        "certified": cycle.certified,
+        "fallbacks": cycle.fallbacks,
         "unreachable": [{"stud": stud, "reason": reason} for stud, reason in cycle.unreachable],
-        "wall_s": wall_s, "out": str(out),
-    }  # fmt: skip
+        "wall_s": wall_s,
+        "out": str(out),
+    }
 
 
 def _kept(
@@ -123,6 +186,9 @@ def _timing(plan_s: float, wall_s: float, reuse: Reuse) -> dict[str, Any]:
     own = resource.getrusage(resource.RUSAGE_SELF)
     workers = resource.getrusage(resource.RUSAGE_CHILDREN)
     return {
-        "plan_wall_s": plan_s, "wall_s": wall_s, "cpu_s": own.ru_utime + own.ru_stime,
-        "workers_cpu_s": workers.ru_utime + workers.ru_stime, "edges": reuse.to_dict(),
-    }  # fmt: skip
+        "plan_wall_s": plan_s,
+        "wall_s": wall_s,
+        "cpu_s": own.ru_utime + own.ru_stime,
+        "workers_cpu_s": workers.ru_utime + workers.ru_stime,
+        "edges": reuse.to_dict(),
+    }

@@ -5,15 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 
 from dmoc.errors import Fault, InputError
-from dmoc.robot import Robot
+from dmoc.robot.robot import Robot
 from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.export.exporting import export_run
 from sequencing.report.curves import write_curves
 from sequencing.report.html import write_report
+from sequencing.report.measured_tables import measured_markdown
 from sequencing.report.scene import write_scene
-from sequencing.run_compare import compare_runs, comparison_text
-from sequencing.run_files import Run, read_run
-from sequencing.run_station import station_of
+from sequencing.runs.compare import compare_runs, comparison_text
+from sequencing.runs.folder import Run, read_run, station_of
+from sequencing.runs.measured import measured_against_plan
+
+
+def run_measured(console: Console, log: Path, run: Path, out: Path | None) -> CommandResult:
+    """Time, position, current and energy of a log against the run that was exported."""
+    data = measured_against_plan(log, run)
+    console.show(measured_markdown(data))
+    save_json(out, "measured.json", data)
+    return CommandResult(data)
 
 
 def run_export(
@@ -25,9 +34,13 @@ def run_export(
         console.show(f"wrote {path}")
     console.show(export.statement)
     return CommandResult(
-        {"format": export.format, "files": [str(path) for path in export.files],
-         "statement": export.statement, "max_deviation_rad": export.max_deviation_rad}
-    )  # fmt: skip
+        {
+            "format": export.format,
+            "files": [str(path) for path in export.files],
+            "statement": export.statement,
+            "max_deviation_rad": export.max_deviation_rad,
+        }
+    )
 
 
 def run_view(console: Console, run_dir: Path, out: Path | None) -> CommandResult:
@@ -57,7 +70,13 @@ def run_compare(console: Console, first: Path, second: Path, out: Path | None) -
 def _robot(run: Run) -> Robot:
     if run.robot is None:
         raise InputError(
-            Fault("run-robot", file=str(run.folder), field="robot", value=run.robot_note,
-                  legal="a robot of the package", fix="plan again with this version")
-        )  # fmt: skip
+            Fault(
+                "run-robot",
+                file=str(run.folder),
+                field="robot",
+                value=run.robot_note,
+                legal="a robot of the package",
+                fix="plan again with this version",
+            )
+        )
     return run.robot

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import planning
-from dmoc.status import Status
+from dmoc.motion.status import Status
 from sequencing.commands.console import CommandResult, Console, save_json
-from sequencing.report.tables import markdown_table, number
+from sequencing.runs.tables import markdown_table, number
 from sequencing.timing import run_schedule
 
 
@@ -56,9 +56,15 @@ def remarks(data: dict[str, Any]) -> list[str]:
 def cases_table(cases: list[dict[str, Any]]) -> str:
     """The cases of a schedule as a markdown table."""
     rows = [
-        [case["name"], number(case["energy_j"]), number(case["saving_percent"], 2),
-         number(case["duration_s"], 2), str(case["collisions"]), number(case["cpu_s"], 2)]
+        [
+            case["name"],
+            number(case["energy_j"]),
+            number(case["saving_percent"], 2),
+            number(case["duration_s"], 2),
+            str(case["collisions"]),
+            number(case["cpu_s"], 2),
+        ]
         for case in cases
-    ]  # fmt: skip
+    ]
     header = ("case", "energy J", "saving %", "duration s", "collisions", "CPU s")
     return markdown_table(header, rows)

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from dmoc.cost import Cost
 from dmoc.errors import Fault, InputError
-from dmoc.motion import Motion, MotionProblem
-from dmoc.robot import load_robot
-from dmoc.solver import solve
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import Motion, MotionProblem
+from dmoc.robot.robot import load_robot
+from dmoc.solving.solver import solve
 from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.cycle_types import CycleMotion
-from sequencing.run_files import write_motions
+from sequencing.runs.folder import write_motions
 
 
 def parse_vector(text: str, name: str, num_joints: int) -> np.ndarray:
@@ -26,10 +26,14 @@ def parse_vector(text: str, name: str, num_joints: int) -> np.ndarray:
         values = np.array([np.nan])
     if values.shape != (num_joints,) or not np.all(np.isfinite(values)):
         raise InputError(
-            Fault("joint-vector", field=f"--{name}", value=text,
-                  legal=f"{num_joints} finite numbers in rad, separated by commas",
-                  fix=f"--{name}={','.join(['0'] * num_joints)}")
-        )  # fmt: skip
+            Fault(
+                "joint-vector",
+                field=f"--{name}",
+                value=text,
+                legal=f"{num_joints} finite numbers in rad, separated by commas",
+                fix=f"--{name}={','.join(['0'] * num_joints)}",
+            )
+        )
     return values
 
 
@@ -50,10 +54,13 @@ def run_solve(
     if payload > 0:
         robot = robot.with_payload(payload)
     problem = MotionProblem(
-        robot, parse_vector(start, "start", robot.num_joints),
-        parse_vector(goal, "goal", robot.num_joints), Cost(*weights), num_intervals=intervals,
+        robot,
+        parse_vector(start, "start", robot.num_joints),
+        parse_vector(goal, "goal", robot.num_joints),
+        Cost(*weights),
+        num_intervals=intervals,
         duration_s=duration,
-    )  # fmt: skip
+    )
     began = time.process_time()
     motion = solve(problem, seed=seed)
     data = _as_object(motion) | {"cpu_s": time.process_time() - began}
@@ -75,8 +82,14 @@ def _as_object(motion: Motion) -> dict[str, object]:
     names = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
     arrays = {name: None if trajectory is None else getattr(trajectory, name) for name in names}
     return {
-        "status": motion.status.value, "advice": motion.status.advice, "cost": motion.cost,
-        "duration_s": motion.duration_s, **arrays, "iterations": motion.iterations,
-        "max_defect": motion.max_defect, "smoothing_cost": motion.smoothing_cost,
-        "replay_error_rad": motion.replay_error_rad, "note": motion.note,
-    }  # fmt: skip
+        "status": motion.status.value,
+        "advice": motion.status.advice,
+        "cost": motion.cost,
+        "duration_s": motion.duration_s,
+        **arrays,
+        "iterations": motion.iterations,
+        "max_defect": motion.max_defect,
+        "smoothing_cost": motion.smoothing_cost,
+        "replay_error_rad": motion.replay_error_rad,
+        "note": motion.note,
+    }

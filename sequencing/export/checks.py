@@ -6,8 +6,8 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError
-from dmoc.trajectory import JointTrajectory
-from sequencing.run_files import Run
+from dmoc.motion.trajectory import JointTrajectory
+from sequencing.runs.folder import Run
 
 # The optimiser keeps its limits at the knots and on average between them; the smooth curve through
 # the knots may bulge a little beyond, less than a controller's own supervision lets through.
@@ -31,21 +31,39 @@ def check_exportable(run: Run) -> None:
         trajectory = item.motion.trajectory
         if trajectory is None:
             faults.append(
-                Fault("export-motion", file=file, field=where, value=item.motion.status.value,
-                      legal="a motion with a trajectory", fix=item.motion.status.advice)
-            )  # fmt: skip
+                Fault(
+                    "export-motion",
+                    file=file,
+                    field=where,
+                    value=item.motion.status.value,
+                    legal="a motion with a trajectory",
+                    fix=item.motion.status.advice,
+                )
+            )
             continue
         if item.motion.certified is False:
             faults.append(
-                Fault("export-uncertified", file=file, field=where, value="not certified",
-                      legal="every motion certified free of collision between its knots",
-                      fix="plan again with more intervals or repair rounds, or another departure")
-            )  # fmt: skip
+                Fault(
+                    "export-uncertified",
+                    file=file,
+                    field=where,
+                    value="not certified",
+                    legal="every motion certified free of collision between its knots",
+                    fix="plan again with more intervals or repair rounds, or another departure",
+                )
+            )
         faults += _limit_faults(run, where, trajectory)
     for number, weld in enumerate(run.welds):
-        faults += _outside(run, f"welds[{number}]", "q_rad", weld.q_rad[None],
-                           run.limit("q_lower_rad"), run.limit("q_upper_rad"),
-                           POSITION_SLACK_RAD, np.zeros(1))  # fmt: skip
+        faults += _outside(
+            run,
+            f"welds[{number}]",
+            "q_rad",
+            weld.q_rad[None],
+            run.limit("q_lower_rad"),
+            run.limit("q_upper_rad"),
+            POSITION_SLACK_RAD,
+            np.zeros(1),
+        )
     if faults:
         raise InputError(faults)
 
@@ -57,19 +75,49 @@ def _limit_faults(run: Run, where: str, trajectory: JointTrajectory) -> list[Fau
     sample = trajectory.on(None).sample(times)
     speed, torque = run.limit("velocity_limit_rad_s"), run.limit("torque_limit_nm")
     return [
-        *_outside(run, where, "q_rad", sample.q_rad, run.limit("q_lower_rad"),
-                  run.limit("q_upper_rad"), POSITION_SLACK_RAD, times),
-        *_outside(run, where, "velocity_rad_s", sample.velocity_rad_s, -speed, speed,
-                  SPEED_SLACK * speed, times),
-        *_outside(run, where, "torque_nm", trajectory.torque_nm, -torque, torque,
-                  TORQUE_SLACK * torque, trajectory.t_s[:-1]),
-    ]  # fmt: skip
+        *_outside(
+            run,
+            where,
+            "q_rad",
+            sample.q_rad,
+            run.limit("q_lower_rad"),
+            run.limit("q_upper_rad"),
+            POSITION_SLACK_RAD,
+            times,
+        ),
+        *_outside(
+            run,
+            where,
+            "velocity_rad_s",
+            sample.velocity_rad_s,
+            -speed,
+            speed,
+            SPEED_SLACK * speed,
+            times,
+        ),
+        *_outside(
+            run,
+            where,
+            "torque_nm",
+            trajectory.torque_nm,
+            -torque,
+            torque,
+            TORQUE_SLACK * torque,
+            trajectory.t_s[:-1],
+        ),
+    ]
 
 
 def _outside(
-    run: Run, where: str, name: str, values: Array, low: Array, high: Array,
-    slack: Array | float, times: Array,
-) -> list[Fault]:  # fmt: skip
+    run: Run,
+    where: str,
+    name: str,
+    values: Array,
+    low: Array,
+    high: Array,
+    slack: Array | float,
+    times: Array,
+) -> list[Fault]:
     """One fault per joint that is outside, at the time where it is worst."""
     excess = np.maximum(values - high, low - values) - slack
     faults = []
@@ -77,9 +125,13 @@ def _outside(
         row = int(np.argmax(excess[:, j]))
         unit = name.rsplit("_", 1)[0] and name.split("_", 1)[1].replace("_", "/")
         faults.append(
-            Fault("export-limit", file=str(run.folder), field=f"{where}.{name}[{j}]",
-                  value=f"{values[row, j]:.6g} {unit} at {times[row]:.3f} s",
-                  legal=f"[{low[j]:.6g}, {high[j]:.6g}] {unit} ({run.joint_names[j]})",
-                  fix="plan again with more intervals or with lower limits")
-        )  # fmt: skip
+            Fault(
+                "export-limit",
+                file=str(run.folder),
+                field=f"{where}.{name}[{j}]",
+                value=f"{values[row, j]:.6g} {unit} at {times[row]:.3f} s",
+                legal=f"[{low[j]:.6g}, {high[j]:.6g}] {unit} ({run.joint_names[j]})",
+                fix="plan again with more intervals or with lower limits",
+            )
+        )
     return faults

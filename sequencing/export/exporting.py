@@ -14,8 +14,8 @@ from sequencing.export.ros import ROS_STATEMENT, ros_files
 from sequencing.export.rtde import csv_log, rtde_log
 from sequencing.export.urscript import urscript_program
 from sequencing.export.wording import POINT_TO_POINT, STREAMED
-from sequencing.run_archive import write_atomic
-from sequencing.run_files import Run
+from sequencing.runs.archive import write_atomic
+from sequencing.runs.folder import Run
 
 Texts = tuple[dict[str, str], float | None]
 
@@ -63,8 +63,13 @@ def _krl(run: Run, step_s: float | None) -> Texts:
 
 
 _WRITERS: dict[str, Callable[[Run, float | None], Texts]] = {
-    "csv": _csv, "krl": _krl, "rapid": _rapid, "ros": _ros, "rtde": _rtde, "urscript": _urscript,
-}  # fmt: skip
+    "csv": _csv,
+    "krl": _krl,
+    "rapid": _rapid,
+    "ros": _ros,
+    "rtde": _rtde,
+    "urscript": _urscript,
+}
 _STATEMENTS = {"krl": POINT_TO_POINT, "rapid": POINT_TO_POINT, "ros": ROS_STATEMENT}
 EXPORT_FORMATS = tuple(sorted(_WRITERS))
 
@@ -82,14 +87,24 @@ def export_run(run: Run, format: str, out: Path | str, step_s: float | None = No
     """
     if format not in _WRITERS:
         raise InputError(
-            Fault("export-format", field="format", value=format, legal=", ".join(EXPORT_FORMATS),
-                  fix="choose one of these")
-        )  # fmt: skip
+            Fault(
+                "export-format",
+                field="format",
+                value=format,
+                legal=", ".join(EXPORT_FORMATS),
+                fix="choose one of these",
+            )
+        )
     if step_s is not None and not 0.001 <= step_s <= 1.0:
         raise InputError(
-            Fault("export-step", field="step_s", value=repr(step_s), legal="0.001 to 1 s",
-                  fix="UR controllers take 0.002 or 0.008 s")
-        )  # fmt: skip
+            Fault(
+                "export-step",
+                field="step_s",
+                value=repr(step_s),
+                legal="0.001 to 1 s",
+                fix="UR controllers take 0.002 or 0.008 s",
+            )
+        )
     check_exportable(run)
     files, deviation = _WRITERS[format](run, step_s)
     paths = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.trajectory import JointTrajectory
 from sequencing.export.wording import (
     POINT_TO_POINT,
     header_lines,
@@ -13,7 +13,7 @@ from sequencing.export.wording import (
     point_to_point,
     six_joints,
 )
-from sequencing.run_files import Run
+from sequencing.runs.folder import Run
 
 
 def krl_program(run: Run) -> str:

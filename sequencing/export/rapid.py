@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.trajectory import JointTrajectory
 from sequencing.export.wording import (
     POINT_TO_POINT,
     header_lines,
@@ -13,7 +13,7 @@ from sequencing.export.wording import (
     point_to_point,
     six_joints,
 )
-from sequencing.run_files import Run
+from sequencing.runs.folder import Run
 
 _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 
@@ -26,14 +26,20 @@ def rapid_program(run: Run) -> str:
     """
     six_joints(run, "RAPID")
     body = point_to_point(
-        run, "    !", lambda q: f"    MoveAbsJ {_target(q)}\\NoEOffs, v200, fine, tool0;", _moves,
+        run,
+        "    !",
+        lambda q: f"    MoveAbsJ {_target(q)}\\NoEOffs, v200, fine, tool0;",
+        _moves,
         "    WaitTime {:.3f};",
-    )  # fmt: skip
+    )
     name = identifier(run.name, 28)
     head = [f"  ! {line}" for line in header_lines(run, POINT_TO_POINT)]
-    return "\n".join(
-        [f"MODULE {name}", *head, f"  PROC run_{name[:24]}()", *body, "  ENDPROC", "ENDMODULE"]
-    ) + "\n"  # fmt: skip
+    return (
+        "\n".join(
+            [f"MODULE {name}", *head, f"  PROC run_{name[:24]}()", *body, "  ENDPROC", "ENDMODULE"]
+        )
+        + "\n"
+    )
 
 
 def _moves(trajectory: JointTrajectory) -> list[str]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.trajectory import JointTrajectory
 from sequencing.cycle_types import Weld
 from sequencing.export.wording import header_lines, steps
-from sequencing.run_archive import json_text
-from sequencing.run_csv import motion_file_name
-from sequencing.run_files import Run
+from sequencing.runs.archive import json_text
+from sequencing.runs.folder import Run, motion_file_name
 
 ROS_STATEMENT = (
     "Points carry positions and velocities and no accelerations, so that a controller with cubic "
@@ -40,10 +39,15 @@ def joint_trajectory(names: tuple[str, ...], trajectory: JointTrajectory) -> dic
     points = []
     for t, q, v in zip(trajectory.t_s, trajectory.q_rad, trajectory.velocity_rad_s):
         nanoseconds = round(float(t - trajectory.t_s[0]) * 1e9)
-        points.append({
-            "positions": q.tolist(), "velocities": v.tolist(), "accelerations": [], "effort": [],
-            "time_from_start": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9},
-        })  # fmt: skip
+        points.append(
+            {
+                "positions": q.tolist(),
+                "velocities": v.tolist(),
+                "accelerations": [],
+                "effort": [],
+                "time_from_start": {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9},
+            }
+        )
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
         "joint_names": list(names),

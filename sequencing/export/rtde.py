@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sequencing.export.wording import STREAMED, header_lines
-from sequencing.run_archive import csv_text
-from sequencing.run_files import Run
+from sequencing.runs.archive import csv_text
+from sequencing.runs.folder import Run
 
 
 def csv_log(run: Run, step_s: float) -> tuple[str, float]:

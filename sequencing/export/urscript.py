@@ -13,7 +13,7 @@ from sequencing.export.wording import (
     steps,
     title,
 )
-from sequencing.run_files import Run
+from sequencing.runs.folder import Run
 
 # servoj's own ranges: lookahead 0.03-0.2 s, gain 100-2000 (URScript manual, e-Series).
 _LOOKAHEAD_S, _GAIN = 0.1, 300

@@ -9,10 +9,10 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion, Weld
-from sequencing.run_files import Run
-from sequencing.run_timeline import trajectory_of
+from sequencing.runs.clock import trajectory_of
+from sequencing.runs.folder import Run
 
 POINT_TO_POINT = (
     "Point-to-point export does NOT preserve the planned timing and therefore not the planned "
@@ -67,10 +67,15 @@ def six_joints(run: Run, language: str) -> None:
     """Refuse a robot that does not have the six joints that `language` can name."""
     if len(run.joint_names) != 6:
         raise InputError(
-            Fault("export-joints", file=str(run.folder), field="robot.joint_names",
-                  value=str(len(run.joint_names)), legal=f"6 joints for {language}",
-                  fix="use csv or ros for other arms")
-        )  # fmt: skip
+            Fault(
+                "export-joints",
+                file=str(run.folder),
+                field="robot.joint_names",
+                value=str(len(run.joint_names)),
+                legal=f"6 joints for {language}",
+                fix="use csv or ros for other arms",
+            )
+        )
 
 
 def steps(run: Run) -> Iterator[tuple[CycleMotion, JointTrajectory] | Weld]:
@@ -85,9 +90,12 @@ def steps(run: Run) -> Iterator[tuple[CycleMotion, JointTrajectory] | Weld]:
 
 
 def point_to_point(
-    run: Run, comment: str, first_move: Callable[[Array], str], moves: Callable[..., list[str]],
+    run: Run,
+    comment: str,
+    first_move: Callable[[Array], str],
+    moves: Callable[..., list[str]],
     wait: str,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Body of a program of single moves: to the first pose, then motions and welds in order.
 
     `first_move` writes the move to a pose, `moves` those along a trajectory; `comment` begins a
@@ -98,8 +106,10 @@ def point_to_point(
         if isinstance(step, Weld):
             if not body:
                 body.append(first_move(step.q_rad))
-            body += [f"{comment} weld {ascii_text(step.stud)}: start the process here",
-                     wait.format(step.time_s)]  # fmt: skip
+            body += [
+                f"{comment} weld {ascii_text(step.stud)}: start the process here",
+                wait.format(step.time_s),
+            ]
             continue
         item, trajectory = step
         if not body:

@@ -3,10 +3,10 @@
 Importing costs nothing: numba and the kernels are loaded at the first `solve`.
 """
 
-from sequencing.gtsp.command import run_gtsp_file
+from sequencing.gtsp.file_report import run_gtsp_file
 from sequencing.gtsp.graphs import problem_from_graph, problem_to_graph, tour_to_graph
 from sequencing.gtsp.gtsplib import read_gtsplib, write_gtsplib
-from sequencing.gtsp.held_karp import held_karp_memory_bytes
+from sequencing.gtsp.held_karp_table import held_karp_memory_bytes
 from sequencing.gtsp.portfolio import solve
 from sequencing.gtsp.problem import GtspProblem, Tour
 from sequencing.gtsp.stop import Incumbent, Stop

@@ -4,18 +4,70 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dmoc.errors import Fault, ProblemError
-from sequencing.gtsp.bounded_dp import bounded_dp
-from sequencing.gtsp.held_karp import held_karp, table_bytes
-from sequencing.gtsp.normal_form import NormalForm, normal_form
-from sequencing.gtsp.plan import Plan
-from sequencing.gtsp.pool import diverse, travels
+from sequencing.gtsp.bounded import bounded_dp
+from sequencing.gtsp.held_karp_table import held_karp, table_bytes
+from sequencing.gtsp.normalise import NormalForm, normal_form
 from sequencing.gtsp.problem import GtspProblem, Tour, as_tours
 from sequencing.gtsp.stop import EFFORTS, Callback, Incumbent, Stop
+
+
+def travels(problem: GtspProblem, nodes: Sequence[int]) -> frozenset[tuple[int, int]]:
+    """The travels of a tour as a set of (exit node, entry node)."""
+    return frozenset((int(u), int(v)) for u, v in problem.edges(nodes))
+
+
+def diverse(
+    problem: GtspProblem, tours: Sequence[tuple[int, ...]], count: int
+) -> tuple[tuple[int, ...], ...]:
+    """At most `count` of the tours: the first, then always the one with most new travels.
+
+    Ties go to the earlier (better) tour; a tour without a new travel is not taken.
+    """
+    left = list(dict.fromkeys(tours))
+    if not left:
+        return ()
+    chosen = [left.pop(0)]
+    seen = set(travels(problem, chosen[0]))
+    while left and len(chosen) < count:
+        news = [len(travels(problem, nodes) - seen) for nodes in left]
+        at = max(range(len(left)), key=lambda k: (news[k], -k))
+        if news[at] == 0:
+            break
+        chosen.append(left.pop(at))
+        seen |= travels(problem, chosen[-1])
+    return tuple(chosen)
+
+
+QUICK, THOROUGH = 0.25, 4.0  # of the normal budget
+
+
+@dataclass(frozen=True)
+class Plan:
+    """iterations in all, members of the population, iterations for a child."""
+
+    iterations: int
+    population: int
+    child: int
+
+    @staticmethod
+    def of(clusters: int, effort: str, iterations: int | None) -> Plan:
+        """The plan for a problem; `iterations` overrides what the effort says."""
+        if iterations is None:
+            if clusters <= 60:
+                normal = 40_000 + 1000 * clusters
+            else:
+                normal = 3500 * clusters if clusters <= 120 else min(6000 * clusters, 1_000_000)
+            factor = {"quick": QUICK, "normal": 1.0, "thorough": THOROUGH}[effort]
+            iterations = int(normal * factor)
+        child = 1500 if clusters <= 60 else 2000
+        population = min(8 if clusters <= 60 else 16, iterations // (3 * child))
+        return Plan(iterations, population, child)
+
 
 METHODS = ("auto", "heuristic", "exact", "held-karp", "ruin-recreate")
 PROOF_TOLERANCE = 1e-7
@@ -139,8 +191,7 @@ def _heuristic(
 ) -> list[tuple[int, ...]]:
     """Admissible tours found by the heuristic, best first (empty: none)."""
     from sequencing.gtsp.arrays import prepare
-    from sequencing.gtsp.memetic import memetic
-    from sequencing.gtsp.ruin_recreate import ruin_recreate
+    from sequencing.gtsp.evolution import memetic, ruin_recreate
 
     count = 0
     best = math.inf
@@ -160,9 +211,14 @@ def _heuristic(
     plan = Plan.of(form.num_clusters, effort, limits.iterations)
     if method == "ruin-recreate" or plan.population < 2:
         nodes, cost = ruin_recreate(
-            arrays, plan.iterations, generator, start[0] if start else None, goal,
-            0.3 if start else 1.0, report,
-        )  # fmt: skip
+            arrays,
+            plan.iterations,
+            generator,
+            start[0] if start else None,
+            goal,
+            0.3 if start else 1.0,
+            report,
+        )
         members = [(cost, nodes)]
     else:
         members = memetic(

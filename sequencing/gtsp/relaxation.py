@@ -55,7 +55,7 @@ class Relaxation:
 
     def walk_phase(self) -> None:
         """Subgradient steps on the walk relaxation, then arc and node removal."""
-        from sequencing.gtsp.walk_kernel import walk_trace
+        from sequencing.gtsp.relaxation_kernels import walk_trace
 
         visits = np.zeros(self.m, dtype=np.int64)
 
@@ -69,7 +69,7 @@ class Relaxation:
 
     def ng_phase(self, steps: int = NG_STEPS) -> None:
         """Subgradient steps on the ng-route relaxation, then arc and node removal."""
-        from sequencing.gtsp.ng_kernel import ng_trace
+        from sequencing.gtsp.relaxation_kernels import ng_trace
 
         if self.closed:
             return
@@ -82,9 +82,18 @@ class Relaxation:
         def evaluate(lam: np.ndarray) -> tuple[float, np.ndarray]:
             price, leave = self._backward(lam)
             value = ng_trace(
-                self.link, self.to, self.group, price, leave, self.ptr, self.bits, self.offset,
-                self.rows, self.togo, path,
-            )  # fmt: skip
+                self.link,
+                self.to,
+                self.group,
+                price,
+                leave,
+                self.ptr,
+                self.bits,
+                self.offset,
+                self.rows,
+                self.togo,
+                path,
+            )
             if value == math.inf:
                 return math.inf, np.ones(self.m, dtype=np.int64)
             visits = np.bincount(path, minlength=self.m)
@@ -144,7 +153,7 @@ class Relaxation:
         return [[int(h) for h in row if h != g][:count] for g, row in enumerate(order)]
 
     def _forward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        from sequencing.gtsp.walk_kernel import walk_forward
+        from sequencing.gtsp.relaxation_kernels import walk_forward
 
         pay = lam[self.cluster]
         cost = self.cost - pay[None, :]
@@ -155,14 +164,26 @@ class Relaxation:
 
     def _backward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Arc costs and first costs with multipliers; fills the cost-to-go table."""
-        from sequencing.gtsp.ng_kernel import ng_backward
+        from sequencing.gtsp.relaxation_kernels import ng_backward
 
         _, leave, forward = self._forward(lam)
         price = self.length - lam[self.group]
         ng_backward(
-            self.link, self.to, self.group, price, self.back, self.ptr, self.early, self.late,
-            self.bits, self.offset, self.rows, forward, self.cut - lam.sum(), self.togo,
-        )  # fmt: skip
+            self.link,
+            self.to,
+            self.group,
+            price,
+            self.back,
+            self.ptr,
+            self.early,
+            self.late,
+            self.bits,
+            self.offset,
+            self.rows,
+            forward,
+            self.cut - lam.sum(),
+            self.togo,
+        )
         return price, leave
 
     def _work(self) -> int:
@@ -176,7 +197,7 @@ class Relaxation:
         return int(sum(int(s) << len(n) for s, n in zip(np.diff(self.ptr), self.memory)))
 
     def _memory_tables(self) -> None:
-        from sequencing.gtsp.ng_kernel import memory_rows
+        from sequencing.gtsp.relaxation_kernels import memory_rows
 
         widest = max((len(n) for n in self.memory), default=0)
         self.bits = np.array([len(n) for n in self.memory], dtype=np.int64)
@@ -226,7 +247,7 @@ class Relaxation:
         return self.cut - value if math.isfinite(self.cut) else 0.05 * abs(value) + 1e-9
 
     def _drop_by_walks(self) -> None:
-        from sequencing.gtsp.walk_kernel import walk_backward
+        from sequencing.gtsp.relaxation_kernels import walk_backward
 
         if self.closed:
             return
@@ -242,15 +263,26 @@ class Relaxation:
         self._keep((forward + rest)[1:].min(axis=0) < self.limit)
 
     def _drop_by_ng(self) -> None:
-        from sequencing.gtsp.ng_kernel import ng_arcs
+        from sequencing.gtsp.relaxation_kernels import ng_arcs
 
         price, leave = self._backward(self.lam)
         through = np.empty_like(price)
         first = np.empty_like(leave)
         ng_arcs(
-            self.link, self.to, self.group, price, leave, self.ptr, self.bits, self.offset,
-            self.rows, self.togo, self.limit, through, first,
-        )  # fmt: skip
+            self.link,
+            self.to,
+            self.group,
+            price,
+            leave,
+            self.ptr,
+            self.bits,
+            self.offset,
+            self.rows,
+            self.togo,
+            self.limit,
+            through,
+            first,
+        )
         dead = ~(through < self.limit)
         leaves = np.repeat(np.arange(len(self.node)), np.diff(self.link))
         self.cost[leaves[dead], self.to[dead]] = np.inf

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sequencing.gtsp.normal_form import NormalForm
+from sequencing.gtsp.normalise import NormalForm
 
 
 @dataclass(frozen=True, eq=False)

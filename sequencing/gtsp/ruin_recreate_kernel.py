@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from dmoc.jit import njit
+from sequencing.gtsp.arrays import below, uniform
 from sequencing.gtsp.cluster_optimisation import (
     closed_cost,
     optimise_anchored,
     optimise_clusters,
     optimise_windows,
 )
-from sequencing.gtsp.rng import below, uniform
 
 
 @njit
@@ -165,9 +165,28 @@ def turn(array, shift, work):  # type: ignore[no-untyped-def]
 
 @njit
 def anneal(  # type: ignore[no-untyped-def]
-    cost, turned, into, outof, ptr, cluster, before, ordered, pinned, near,
-    current, best, begin, end, total, hot, cold, largest, blink, goal, state,
-):  # fmt: skip
+    cost,
+    turned,
+    into,
+    outof,
+    ptr,
+    cluster,
+    before,
+    ordered,
+    pinned,
+    near,
+    current,
+    best,
+    begin,
+    end,
+    total,
+    hot,
+    cold,
+    largest,
+    blink,
+    goal,
+    state,
+):
     """Iterations begin … end−1 of `total`; temperature falls geometrically from hot to cold.
 
     current and best (M,) nodes are read and overwritten; stops early at cost ≤ goal.
@@ -232,9 +251,22 @@ def anneal(  # type: ignore[no-untyped-def]
         shy = 0.5 if uniform(state) < 0.03 else blink
         for k in range(count):
             new_cost += insert_cheapest(
-                cost, turned, into, outof, ptr, before, ordered, pinned, shy, state,
-                order, node, edge, size, removed[k],
-            )  # fmt: skip
+                cost,
+                turned,
+                into,
+                outof,
+                ptr,
+                before,
+                ordered,
+                pinned,
+                shy,
+                state,
+                order,
+                node,
+                edge,
+                size,
+                removed[k],
+            )
             touched[removed[k]] = True
             size += 1
         limit = current_cost - temperature * np.log(uniform(state) + 1e-300)

@@ -13,9 +13,27 @@ from dmoc.jit import njit
 
 @njit
 def expand(  # type: ignore[no-untyped-def]
-    link, to, group, price, cluster, needs, members, bits, rows, togo, cut,
-    mask, node, length, count, slot, out_mask, out_node, out_length, out_parent,
-):  # fmt: skip
+    link,
+    to,
+    group,
+    price,
+    cluster,
+    needs,
+    members,
+    bits,
+    rows,
+    togo,
+    cut,
+    mask,
+    node,
+    length,
+    count,
+    slot,
+    out_mask,
+    out_node,
+    out_length,
+    out_parent,
+):
     """States of the next layer from `count` states; returns their number, −1 if there is no room.
 
     Arcs, rows and the cost-to-go at the next position (T + n,) as in `ng_backward`; slot (2^p,)

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dmoc.arrays import Array
-from dmoc.robot import Robot
-from sequencing.run_archive import write_atomic
-from sequencing.run_timeline import CycleTimeline, trajectory_of
+from dmoc.robot.robot import Robot
+from sequencing.runs.archive import write_atomic
+from sequencing.runs.clock import CycleTimeline, trajectory_of
 
 # Okabe and Ito's palette: told apart with any kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
@@ -99,10 +99,16 @@ def _name_welds(axes: Axes, line: CycleTimeline) -> None:
         if segment.kind == "weld":
             middle = 0.5 * (segment.start_s + segment.end_s)
             axes.annotate(
-                segment.label, (middle, 1.0), xycoords=("data", "axes fraction"), ha="center",
-                va="bottom", fontsize=7, color="0.35", annotation_clip=False,
+                segment.label,
+                (middle, 1.0),
+                xycoords=("data", "axes fraction"),
+                ha="center",
+                va="bottom",
+                fontsize=7,
+                color="0.35",
+                annotation_clip=False,
                 rotation=90 if len(line.welds) > 12 else 0,
-            )  # fmt: skip
+            )
 
 
 def _controls(axes: Axes, line: CycleTimeline, robot: Robot) -> None:
@@ -112,5 +118,11 @@ def _controls(axes: Axes, line: CycleTimeline, robot: Robot) -> None:
         curve = trajectory_of(line.motions[segment.index])
         edges = curve.t_s - curve.t_s[0] + segment.start_s
         for j in range(curve.q_rad.shape[1]):
-            axes.stairs(curve.torque_nm[:, j] / robot.torque_limit_nm[j], edges, baseline=None,
-                        color=COLOURS[j % len(COLOURS)], lw=2.2, alpha=0.28)  # fmt: skip
+            axes.stairs(
+                curve.torque_nm[:, j] / robot.torque_limit_nm[j],
+                edges,
+                baseline=None,
+                color=COLOURS[j % len(COLOURS)],
+                lw=2.2,
+                alpha=0.28,
+            )

@@ -11,8 +11,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from dmoc.arrays import Array
-from dmoc.robot import Robot
-from planning.shapes import Body, Shape
+from dmoc.robot.robot import Robot
+from planning.geometry.shapes import Body, Shape
 
 Colour = tuple[int, int, int]
 _PLAIN: Colour = (150, 152, 158)

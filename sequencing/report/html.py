@@ -8,12 +8,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from dmoc.robot import Robot
+from dmoc.robot.robot import Robot
 from sequencing.report.curves import curves_png
 from sequencing.report.markup import markdown_html
-from sequencing.report.tables import markdown_table, number, tables_markdown
-from sequencing.run_archive import write_atomic
-from sequencing.run_files import Run
+from sequencing.runs.archive import write_atomic
+from sequencing.runs.folder import Run
+from sequencing.runs.tables import markdown_table, number, tables_markdown
 
 
 def write_report(run: Run, robot: Robot, path: Path) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sequencing.report.tables import markdown_table, number
+from sequencing.runs.tables import markdown_table, number
 
 # Farther off than this a log is of another motion, or of another robot program.
 STRANGE_RAD = 0.1

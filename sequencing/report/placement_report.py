@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.figure import Figure
 
-from planning.station import Station
-from sequencing.placement import Placement, moved_station
-from sequencing.report.tables import markdown_table, number
+from planning.station.station import Station
+from sequencing.cycle.placement import Placement, moved_station
+from sequencing.runs.tables import markdown_table, number
 
 BEST_SHOWN = 10
 
@@ -23,11 +23,15 @@ def placement_entry(station: Station, item: Placement) -> dict[str, Any]:
     place = item.place
     base = moved_station(station, place).robot.base.translation
     return {
-        "shift_m": [place.x_m, place.y_m, place.z_m], "yaw_rad": place.yaw_rad,
-        "base_m": base.tolist(), "estimated_cost": item.cost, "alternatives": item.alternatives,
-        "fewest_alternatives": item.fewest, "unreached": list(item.unreached),
+        "shift_m": [place.x_m, place.y_m, place.z_m],
+        "yaw_rad": place.yaw_rad,
+        "base_m": base.tolist(),
+        "estimated_cost": item.cost,
+        "alternatives": item.alternatives,
+        "fewest_alternatives": item.fewest,
+        "unreached": list(item.unreached),
         "reason": item.reason,
-    }  # fmt: skip
+    }
 
 
 def placement_markdown(found: Sequence[Placement]) -> str:
@@ -37,15 +41,27 @@ def placement_markdown(found: Sequence[Placement]) -> str:
     if present is not None and present not in shown:
         shown.append(present)
     rows = [
-        [str(k + 1) + (" (present)" if k == present else ""),
-         *(f"{value:+.3f}" for value in (found[k].place.x_m, found[k].place.y_m)),
-         f"{math.degrees(found[k].place.yaw_rad):+.0f}",
-         number(found[k].cost if math.isfinite(found[k].cost) else None),
-         str(found[k].alternatives), str(found[k].fewest), _remark(found[k])]
+        [
+            str(k + 1) + (" (present)" if k == present else ""),
+            *(f"{value:+.3f}" for value in (found[k].place.x_m, found[k].place.y_m)),
+            f"{math.degrees(found[k].place.yaw_rad):+.0f}",
+            number(found[k].cost if math.isfinite(found[k].cost) else None),
+            str(found[k].alternatives),
+            str(found[k].fewest),
+            _remark(found[k]),
+        ]
         for k in shown
-    ]  # fmt: skip
-    header = ("rank", "x [m]", "y [m]", "turn [°]", "estimated J", "alternatives",
-              "fewest of a stud", "remark")  # fmt: skip
+    ]
+    header = (
+        "rank",
+        "x [m]",
+        "y [m]",
+        "turn [°]",
+        "estimated J",
+        "alternatives",
+        "fewest of a stud",
+        "remark",
+    )
     return markdown_table(header, rows)
 
 
@@ -89,26 +105,57 @@ def placement_png(found: Sequence[Placement], name: str) -> bytes:
     size = 2.2e4 / max(len(best), 1)
     if good:
         marks = axes.scatter(
-            [item.place.x_m for item in good], [item.place.y_m for item in good],
-            c=[item.cost for item in good], s=size, marker="s", cmap="viridis_r",
-        )  # fmt: skip
+            [item.place.x_m for item in good],
+            [item.place.y_m for item in good],
+            c=[item.cost for item in good],
+            s=size,
+            marker="s",
+            cmap="viridis_r",
+        )
         figure.colorbar(marks, ax=axes, label="estimated J of the cycle")
     axes.scatter(
-        [item.place.x_m for item in poor], [item.place.y_m for item in poor], c="#b00020",
-        s=60, marker="x",
-    )  # fmt: skip
+        [item.place.x_m for item in poor],
+        [item.place.y_m for item in poor],
+        c="#b00020",
+        s=60,
+        marker="x",
+    )
     for item in poor:
         text = "blocked" if item.reason else str(len(item.unreached))
-        axes.annotate(text, (item.place.x_m, item.place.y_m), xytext=(4, 4),
-                      textcoords="offset points", fontsize=8)  # fmt: skip
-    axes.plot(0.0, 0.0, marker="o", markersize=9, markerfacecolor="none", markeredgecolor="k",
-              linestyle="none", label="present place")  # fmt: skip
+        axes.annotate(
+            text,
+            (item.place.x_m, item.place.y_m),
+            xytext=(4, 4),
+            textcoords="offset points",
+            fontsize=8,
+        )
+    axes.plot(
+        0.0,
+        0.0,
+        marker="o",
+        markersize=9,
+        markerfacecolor="none",
+        markeredgecolor="k",
+        linestyle="none",
+        label="present place",
+    )
     if good:
         first = min(good, key=lambda item: item.cost).place
-        axes.plot(first.x_m, first.y_m, marker="*", markersize=15, color="#D55E00",
-                  linestyle="none", label="best place")  # fmt: skip
-    axes.set(xlabel="shift of the base in x [m]", ylabel="shift in y [m]", aspect="equal",
-             title=f"{name}: where to stand the robot (× : studs not reached)")  # fmt: skip
+        axes.plot(
+            first.x_m,
+            first.y_m,
+            marker="*",
+            markersize=15,
+            color="#D55E00",
+            linestyle="none",
+            label="best place",
+        )
+    axes.set(
+        xlabel="shift of the base in x [m]",
+        ylabel="shift in y [m]",
+        aspect="equal",
+        title=f"{name}: where to stand the robot (× : studs not reached)",
+    )
     axes.legend(loc="upper left")
     spread = np.ptp([[item.place.x_m, item.place.y_m] for item in best.values()], axis=0).max()
     axes.margins(0.02 + 0.08 * (spread == 0))

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 if TYPE_CHECKING:
-    from sequencing.cycle import PlanEvent
+    from sequencing.cycle.plan import PlanEvent
 
 _PHASES = {
     "alternatives": "finding the alternatives of every stud",
@@ -93,9 +93,12 @@ def plan_progress(live: bool | None = None) -> Iterator[Callable[[PlanEvent], No
 @contextmanager
 def _live(text: ProgressText) -> Iterator[Callable[[PlanEvent], None]]:
     columns = (
-        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=20),
-        TextColumn("{task.fields[numbers]}"), TimeElapsedColumn(),
-    )  # fmt: skip
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=20),
+        TextColumn("{task.fields[numbers]}"),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("starting", total=None, numbers="")
         batch = 0
@@ -106,8 +109,11 @@ def _live(text: ProgressText) -> Iterator[Callable[[PlanEvent], None]]:
             # A batch begins where more is left than before it.
             batch = max(batch, text.left) if text.left else 0
             bar.update(
-                task, description=text.title, numbers=text.numbers, total=batch or None,
+                task,
+                description=text.title,
+                numbers=text.numbers,
+                total=batch or None,
                 completed=batch - text.left,
-            )  # fmt: skip
+            )
 
         yield show

@@ -13,13 +13,13 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array
-from dmoc.robot import Robot
-from planning.shapes import Body
-from planning.station import Station
+from dmoc.robot.robot import Robot
+from planning.geometry.shapes import Body
+from planning.station.station import Station
 from sequencing.report.geometry import Triangles, body_triangles, robot_triangles
 from sequencing.report.scene_frames import frame_times, joint_frames, tip_path
-from sequencing.run_archive import write_atomic
-from sequencing.run_timeline import CycleTimeline
+from sequencing.runs.archive import write_atomic
+from sequencing.runs.clock import CycleTimeline
 
 _TOOL = (70, 74, 82)
 _PART = (168, 178, 190)
@@ -79,17 +79,27 @@ def _server() -> Iterator[Any]:
 
 def _draw_triangles(scene: Any, path: str, item: Triangles) -> None:
     scene.add_mesh_simple(
-        path, item.vertices_m.astype(np.float32), item.faces.astype(np.uint32),
-        color=item.colour, flat_shading=True, side="double",
-    )  # fmt: skip
+        path,
+        item.vertices_m.astype(np.float32),
+        item.faces.astype(np.uint32),
+        color=item.colour,
+        flat_shading=True,
+        side="double",
+    )
 
 
 def _draw_station(scene: Any, station: Station, line: CycleTimeline) -> dict[str, Any]:
     """Everything that stands still; returns the heads of the studs by name."""
     scene.add_grid(
-        "/floor", width=8.0, height=8.0, cell_size=0.25, section_size=1.0,
-        plane_color=_GROUND, plane_opacity=0.4, position=(0.0, 0.0, 0.002),
-    )  # fmt: skip
+        "/floor",
+        width=8.0,
+        height=8.0,
+        cell_size=0.25,
+        section_size=1.0,
+        plane_color=_GROUND,
+        plane_opacity=0.4,
+        position=(0.0, 0.0, 0.002),
+    )
     for body in station.obstacles:
         colour = _PART if body.mesh is not None else _CLAMP
         for item in body_triangles(body, _GROUND if _is_ground(body) else colour):
@@ -99,21 +109,28 @@ def _draw_station(scene: Any, station: Station, line: CycleTimeline) -> dict[str
         place = number.get(stud.id)
         colour = _UNUSED if place is None else colours[place - 1]
         heads[stud.id] = scene.add_icosphere(
-            f"/studs/{stud.id}/head", radius=0.022, color=colour, position=stud.position_m,
+            f"/studs/{stud.id}/head",
+            radius=0.022,
+            color=colour,
+            position=stud.position_m,
             subdivisions=2,
-        )  # fmt: skip
+        )
         ends = np.array([[stud.position_m, stud.position_m + 0.12 * stud.normal]])
         scene.add_line_segments(f"/studs/{stud.id}/normal", ends, colour, thickness=0.009)
         text = stud.id if place is None else f"{place} · {stud.id}"
         scene.add_label(
-            f"/studs/{stud.id}/label", text, font_screen_scale=0.7, anchor="bottom-center",
+            f"/studs/{stud.id}/label",
+            text,
+            font_screen_scale=0.7,
+            anchor="bottom-center",
             position=stud.position_m + 0.15 * stud.normal,
-        )  # fmt: skip
+        )
     segments, which = tip_path(line, station.robot)
     if len(segments):
         tints = np.array(order_colours(int(which.max()) + 1), dtype=np.uint8)[which]
-        scene.add_line_segments("/tip_path", segments, np.repeat(tints[:, None], 2, axis=1),
-                                thickness=0.006)  # fmt: skip
+        scene.add_line_segments(
+            "/tip_path", segments, np.repeat(tints[:, None], 2, axis=1), thickness=0.006
+        )
     return heads
 
 
@@ -140,8 +157,7 @@ def _draw_robot(scene: Any, robot: Robot, tool: Sequence[Body]) -> list[Any]:
     flange = robot.model.frames[robot.model.getFrameId(robot.flange)]
     placement = pin.SE3ToXYZQUAT(flange.placement)
     mount = f"{paths[flange.parentJoint]}/tool"
-    scene.add_frame(mount, show_axes=False, position=placement[:3],
-                    wxyz=placement[[6, 3, 4, 5]])  # fmt: skip
+    scene.add_frame(mount, show_axes=False, position=placement[:3], wxyz=placement[[6, 3, 4, 5]])
     for body in tool:
         for item in body_triangles(body, _TOOL):
             _draw_triangles(scene, f"{mount}/{item.name}", item)
@@ -177,9 +193,14 @@ def _set_camera(server: Any, low: Array, high: Array) -> None:
 
 
 def _record(
-    recorder: Any, joints: list[Any], caption: Any, heads: dict[str, Any], robot: Robot,
-    line: CycleTimeline, times: Array,
-) -> None:  # fmt: skip
+    recorder: Any,
+    joints: list[Any],
+    caption: Any,
+    heads: dict[str, Any],
+    robot: Robot,
+    line: CycleTimeline,
+    times: Array,
+) -> None:
     """Write every picture of the cycle: joint frames that changed, caption, welded studs."""
     frames = joint_frames(robot, line.at(times).q_rad)
     shown = -1

@@ -7,8 +7,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from dmoc.arrays import Array
-from dmoc.robot import Robot
-from sequencing.run_timeline import CycleTimeline, trajectory_of
+from dmoc.robot.robot import Robot
+from sequencing.runs.clock import CycleTimeline, trajectory_of
 
 
 def frame_times(duration_s: float, frames_per_s: float, max_frames: int) -> Array:

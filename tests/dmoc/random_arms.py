@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from dmoc.motion import MotionProblem
-from dmoc.robot import Robot, load_robot
+from dmoc.motion.motion import MotionProblem
+from dmoc.robot.robot import Robot, load_robot
 
 
 def random_inertia(rng: np.random.Generator) -> pin.Inertia:
@@ -25,9 +25,13 @@ def random_model(rng: np.random.Generator, num_joints: int, tree: bool = True) -
         axis = rng.normal(size=3)
         axis /= np.linalg.norm(axis)
         kinds = (
-            pin.JointModelRX(), pin.JointModelRY(), pin.JointModelRZ(), pin.JointModelPZ(),
-            pin.JointModelRevoluteUnaligned(*axis), pin.JointModelPrismaticUnaligned(*axis),
-        )  # fmt: skip
+            pin.JointModelRX(),
+            pin.JointModelRY(),
+            pin.JointModelRZ(),
+            pin.JointModelPZ(),
+            pin.JointModelRevoluteUnaligned(*axis),
+            pin.JointModelPrismaticUnaligned(*axis),
+        )
         joint = kinds[rng.integers(len(kinds))]
         # Branches grow depth first, the order that pinocchio's algorithms rely on.
         while tree and parent > 0 and rng.random() < 0.3:

@@ -5,17 +5,23 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 import pytest
 from random_arms import random_problems
 
-from dmoc.batch import solve_many
-from dmoc.robot import load_robot
-from dmoc.solver import solve
+from dmoc.robot.robot import load_robot
+from dmoc.solving.solver import solve, solve_many
 
 
 def fingerprint(motions):
     return [
-        (m.status, m.cost, m.iterations, m.max_defect, m.trajectory.q_rad.tobytes(),
-         m.trajectory.torque_nm.tobytes(), m.trajectory.velocity_rad_s.tobytes())
+        (
+            m.status,
+            m.cost,
+            m.iterations,
+            m.max_defect,
+            m.trajectory.q_rad.tobytes(),
+            m.trajectory.torque_nm.tobytes(),
+            m.trajectory.velocity_rad_s.tobytes(),
+        )
         for m in motions
-    ]  # fmt: skip
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmoc.bezier import BezierMotion, fitted_controls
+from dmoc.curves.trapezoid import trapezoid_motion
 from dmoc.errors import ProblemError
-from dmoc.robot import load_robot
-from dmoc.trapezoid import trapezoid_motion
+from dmoc.robot.robot import load_robot
+from studies.ur3.bezier_motion import BezierMotion, fitted_controls
 from tests.naive.naive_bezier import casteljau, hodograph
 
 CONTROL = np.random.default_rng(1).normal(size=(7, 3))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from dmoc.bezier_problem import BezierProblem, Evaluator, metric_values
 from dmoc.errors import ProblemError
-from dmoc.motion_metrics import METRICS
-from dmoc.robot import load_robot
+from dmoc.physics.metrics import METRICS
+from dmoc.robot.robot import load_robot
+from studies.ur3.bezier_problem import BezierProblem, Evaluator, metric_values
 from tests.naive.naive_bezier import energies
 
 START = np.deg2rad([-45.0, -75, 95, -110, -90, 0])
@@ -48,9 +48,13 @@ def test_gradient_agrees_with_finite_differences(metric: str) -> None:
         tight = Evaluator(
             BezierProblem(
                 load_robot("ur3e_class").with_limits(velocity_limit_rad_s=0.3),
-                START, GOAL, 3.0, metric, num_samples=16,
+                START,
+                GOAL,
+                3.0,
+                metric,
+                num_samples=16,
             )
-        )  # fmt: skip
+        )
         used = evaluator if price == 0 else tight
         _, gradient = used.descend(x, smoothing, price)
         numeric = [
@@ -67,10 +71,16 @@ def test_hysteresis_root_friction_and_inverter_losses_are_in_the_gradient() -> N
 
     robot = load_robot("ur3e_class")
     lossy = MappingProxyType(
-        dict(robot.drive) | {"root_friction_nm_s": 0.7, "hysteresis_w_s": 0.003,
-                             "eddy_w_s2": 2e-5, "inverter_v": 0.5, "inverter_ohm": 0.02,
-                             "extra_inertia_kg_m2": 0.1}
-    )  # fmt: skip
+        dict(robot.drive)
+        | {
+            "root_friction_nm_s": 0.7,
+            "hysteresis_w_s": 0.003,
+            "eddy_w_s2": 2e-5,
+            "inverter_v": 0.5,
+            "inverter_ohm": 0.02,
+            "extra_inertia_kg_m2": 0.1,
+        }
+    )
     robot = replace(robot, drive=lossy)
     evaluator = Evaluator(BezierProblem(robot, START, GOAL, 3.0, "energy", num_samples=16))
     x, step = point(3), 1e-6
@@ -95,19 +105,25 @@ def test_excess_tells_legal_from_illegal() -> None:
 def test_signed_reading_rewards_torque_of_the_right_sign() -> None:
     """ΣI·V as printed is negative for an arm that merely holds its own weight."""
     values = metric_values(
-        problem("energy").motion(problem("energy").straight), load_robot("ur3e_class"),
+        problem("energy").motion(problem("energy").straight),
+        load_robot("ur3e_class"),
         ("iv_signed", "energy"),
-    )  # fmt: skip
+    )
     assert values["iv_signed"] < 0 < values["energy"]
 
 
 @pytest.mark.parametrize(
     ("changes", "named"),
-    [({"metric": "energie"}, "metric"), ({"duration_s": -1.0}, "duration_s"),
-     ({"box_rad": 1.0}, "start_rad"), ({"num_samples": 2}, "num_samples")],
-)  # fmt: skip
+    [
+        ({"metric": "energie"}, "metric"),
+        ({"duration_s": -1.0}, "duration_s"),
+        ({"box_rad": 1.0}, "start_rad"),
+        ({"num_samples": 2}, "num_samples"),
+    ],
+)
 def test_bad_problems_are_named(changes: dict, named: str) -> None:
     with pytest.raises(ProblemError) as caught:
-        BezierProblem(**{"robot": load_robot("ur3e_class"), "start_rad": START, "goal_rad": GOAL,
-                         **changes})  # fmt: skip
+        BezierProblem(
+            **{"robot": load_robot("ur3e_class"), "start_rad": START, "goal_rad": GOAL, **changes}
+        )
     assert named in str(caught.value)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmoc.bezier_descent import DescentParams, descend_bezier
-from dmoc.bezier_problem import BezierProblem, metric_values
-from dmoc.bezier_swarm import PAPER_SWARM, swarm_bezier
-from dmoc.knot_descent import hermite, polish_trajectory, still_joints
-from dmoc.robot import load_robot
+from dmoc.robot.robot import load_robot
+from studies.ur3.bezier_descent import DescentParams, descend_bezier
+from studies.ur3.bezier_problem import BezierProblem, metric_values
+from studies.ur3.bezier_swarm import PAPER_SWARM, swarm_bezier
+from studies.ur3.knot_descent import hermite, polish_trajectory, still_joints
 
 ROBOT = load_robot("ur3e_class")
 START = np.deg2rad([-45.0, -75, 95, -110, -90, 0])
@@ -95,8 +95,9 @@ def test_forbidden_region_is_left() -> None:
 
 
 def test_a_search_that_finds_nothing_legal_says_so() -> None:
-    nothing = swarm_bezier(problem(), 0, replace(SHORT, iterations=3),
-                           lambda curves: np.ones(len(curves), dtype=bool))  # fmt: skip
+    nothing = swarm_bezier(
+        problem(), 0, replace(SHORT, iterations=3), lambda curves: np.ones(len(curves), dtype=bool)
+    )
     assert not nothing.feasible
     assert nothing.note
     assert np.isinf(nothing.history).all()

@@ -4,14 +4,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dmoc.chain import chain_of
-from dmoc.robot import Tool, load_robot
-from dmoc.trajectory import inverse_dynamics
+from dmoc.motion.trajectory import inverse_dynamics
+from dmoc.robot.robot import Tool, load_robot
+from studies.ur3.adjoint_dynamics import chain_of
 
 
 def dressed(name: str):
-    tool = Tool(0.8, np.array([0.01, 0.02, 0.05]), np.diag([1e-3, 2e-3, 3e-3]),
-                np.array([0.0, 0.03, 0.1]))  # fmt: skip
+    tool = Tool(
+        0.8, np.array([0.01, 0.02, 0.05]), np.diag([1e-3, 2e-3, 3e-3]), np.array([0.0, 0.03, 0.1])
+    )
     turn = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.4, 1.0), np.array([0.5, 0.2, 0.1]))
     return load_robot(name).with_tool(tool).with_payload(1.5).with_base(turn)
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from random_arms import random_model, random_problems, random_robot
 
-import dmoc.programme
-from dmoc.codegen import FLAGS, backend_report, find_compiler, library_for
-from dmoc.drive import ur_class_drive
-from dmoc.dynamics import arm_model
 from dmoc.errors import InputError
-from dmoc.solver import solve
-from dmoc.stages import dynamics_stage, electrical_stage, quadratic_stage
+from dmoc.physics.dynamics import arm_model
+from dmoc.programme import builder
+from dmoc.programme.codegen import FLAGS, backend_report, find_compiler, library_for
+from dmoc.programme.stages import dynamics_stage, electrical_stage, quadratic_stage
+from dmoc.robot.drive import ur_class_drive
+from dmoc.solving.solver import solve
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
@@ -24,7 +24,7 @@ needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compil
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("DMOC_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("DMOC_BACKEND", "c")
-    monkeypatch.setattr(dmoc.programme, "_STAGES", {})
+    monkeypatch.setattr(builder, "_STAGES", {})
     return tmp_path / "cache"
 
 
@@ -144,7 +144,7 @@ def test_an_unusable_folder_is_no_obstacle(tmp_path, monkeypatch, fault) -> None
         folder = folder / "deeper" if fault == "parent is a file" else folder
     monkeypatch.setenv("DMOC_CACHE", str(folder))
     monkeypatch.setenv("DMOC_BACKEND", "c")
-    monkeypatch.setattr(dmoc.programme, "_STAGES", {})
+    monkeypatch.setattr(builder, "_STAGES", {})
     robot = random_robot(3, tmp_path, 2)
     assert solve(random_problems(robot, 1, num_intervals=8)[0]).status.ok
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from random_arms import random_problems
 
-from dmoc.curve_limits import curve_of, lag_of, mobility_of
-from dmoc.robot import load_robot
-from dmoc.solver import solve
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.programme.curve_limits import curve_of, lag_of, mobility_of
+from dmoc.robot.robot import load_robot
+from dmoc.solving.solver import solve
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -6,10 +6,15 @@ import pinocchio as pin
 import pytest
 from random_arms import random_model
 
-from dmoc.discrete import del_rows, midpoint
-from dmoc.drive import ur_class_drive
-from dmoc.dynamics import arm_model
-from dmoc.stages import dynamics_stage, electrical_stage, expression_stage, quadratic_stage
+from dmoc.physics.discrete import del_rows, midpoint
+from dmoc.physics.dynamics import arm_model
+from dmoc.programme.stages import (
+    dynamics_stage,
+    electrical_stage,
+    expression_stage,
+    quadratic_stage,
+)
+from dmoc.robot.drive import ur_class_drive
 
 
 def naive_discrete_lagrangian(model: pin.Model, qa, qb, h: float) -> float:
@@ -73,7 +78,7 @@ def test_cost_stages_integrate_the_rate_at_the_midpoint() -> None:
     torque = u * u_max
     assert float(quadratic) == pytest.approx(h * (1 + 1e-6 * torque @ torque + 2.0 * v @ v))
     drive = ur_class_drive()
-    from dmoc.drive import electrical_power_w
+    from dmoc.robot.drive import electrical_power_w
 
     electrical = electrical_stage(n, drive, 0.02).parts[0](
         z, np.concatenate([[0.5, 2.0, 0.1], u_max])

@@ -4,7 +4,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dmoc.drive import (
+from dmoc.errors import RobotError
+from dmoc.robot.drive import (
     DriveParams,
     array_fields,
     drive_from_mapping,
@@ -12,7 +13,6 @@ from dmoc.drive import (
     heavy_class_drive,
     ur_class_drive,
 )
-from dmoc.errors import RobotError
 
 RNG = np.random.default_rng(5)
 

@@ -6,8 +6,8 @@ import pinocchio as pin
 import pytest
 from random_arms import random_model
 
-from dmoc.dynamics import arm_model, inverse_dynamics, lagrangian_gradients
 from dmoc.errors import RobotError
+from dmoc.physics.dynamics import arm_model, inverse_dynamics, lagrangian_gradients
 
 
 def functions(arm, with_wrench=False):

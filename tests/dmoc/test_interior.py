@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from random_arms import random_problems, random_robot
 
-from dmoc.constraints import EndCost, MotionLimits, PathConstraint, TorqueSpeed
-from dmoc.cost import Cost, ElectricalCost
 from dmoc.errors import ProblemError
-from dmoc.guess import straight_guess
-from dmoc.motion import MotionProblem
-from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Box, Guess, PathRows, SolveParams
-from dmoc.programme import Families
-from dmoc.robot import load_robot
-from dmoc.solver import solve
-from dmoc.status import Status
+from dmoc.motion.constraints import EndCost, MotionLimits, PathConstraint, TorqueSpeed
+from dmoc.motion.cost import Cost, ElectricalCost
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.status import Status
+from dmoc.programme.builder import Families
+from dmoc.programme.guess import straight_guess
+from dmoc.programme.types import Box, Guess, PathRows, SolveParams
+from dmoc.robot.robot import load_robot
+from dmoc.solving.nlp import solve_nlp
+from dmoc.solving.solver import solve
 
 OWN = SolveParams(solver="structured")
 OWN_KNOTS = SolveParams(solver="structured", limit_curve=False)
@@ -117,9 +117,11 @@ def test_same_optimum_with_boxes_and_half_spaces(arm) -> None:
     guess = straight_guess(problem)
     middle = solve_nlp(problem, guess).q_rad
     rows = PathRows(
-        np.array([9, 10]), np.array([0.5, 0.0]), np.tile([0.0, 1.0, 0.0], (2, 1)),
+        np.array([9, 10]),
+        np.array([0.5, 0.0]),
+        np.tile([0.0, 1.0, 0.0], (2, 1)),
         np.array([middle[10, 1] + 0.05, middle[10, 1] + 0.1]),
-    )  # fmt: skip
+    )
     half = np.linspace(0.0, 1.0, 21)[:, None] * np.array([0.0, 1.0, 0.3]) + 0.2
     box = Box(middle - half, middle + half)
     ipopt = solve_nlp(problem, guess, box=box, rows=rows)

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from random_arms import random_problems, random_robot
 
-from dmoc.bounds import parameters, variable_bounds
-from dmoc.constraints import MotionLimits, TorqueSpeed
-from dmoc.curve_limits import Margins, no_lag
 from dmoc.interior.filter import Filter, Merit
 from dmoc.interior.frames import frames_of, places_of_end
 from dmoc.interior.oracle import Oracle
 from dmoc.interior.point_kernels import gather_rows, gradients
 from dmoc.interior.system import NewtonSystem
-from dmoc.programme import Families, motion_programme
+from dmoc.motion.constraints import MotionLimits, TorqueSpeed
+from dmoc.programme.builder import Families, motion_programme
+from dmoc.programme.curve_limits import Margins, no_lag
+from dmoc.programme.numbers import parameters, variable_bounds
 from tests.naive.naive_newton import dense_solution, has_right_inertia, places
 
 
@@ -43,9 +43,10 @@ def random_system(rng, count: int, n: int, last_free: int, fixed_share: float, c
 
 def system_of(hess, rows, last_free: int) -> NewtonSystem:
     shape = SimpleNamespace(
-        num_intervals=len(hess), num_joints=rows.shape[1],
+        num_intervals=len(hess),
+        num_joints=rows.shape[1],
         size=(2 * len(hess) + 1) * rows.shape[1] + 1,
-    )  # fmt: skip
+    )
     system = NewtonSystem(shape, last_free)
     system.hess[:], system.rows[:] = hess, rows
     return system
@@ -140,9 +141,16 @@ def test_flat_derivatives_are_those_of_the_assembled_programme(tmp_path, familie
     w = np.zeros(frames.size + num_limits)
     infinite = np.full(len(w), np.inf)
     found_value, *_ = gather_rows(
-        oracle.values, frames.rows, np.zeros(frames.num_momentum), w, w - 1, infinite,
-        frames.size, frames.num_momentum, found,
-    )  # fmt: skip
+        oracle.values,
+        frames.rows,
+        np.zeros(frames.num_momentum),
+        w,
+        w - 1,
+        infinite,
+        frames.size,
+        frames.num_momentum,
+        found,
+    )
     assert found_value == pytest.approx(value[0], rel=1e-13)
     np.testing.assert_allclose(found, rows, atol=1e-12)
     system = NewtonSystem(frames, 5)
@@ -151,9 +159,16 @@ def test_flat_derivatives_are_those_of_the_assembled_programme(tmp_path, familie
     system.pull(y[: frames.num_momentum], pull)
     cost, limit = frames.objective, frames.limit
     gradients(
-        oracle.slopes, y, cost.source, cost.column, limit.source, limit.row, limit.column,
-        grad, pull,
-    )  # fmt: skip
+        oracle.slopes,
+        y,
+        cost.source,
+        cost.column,
+        limit.source,
+        limit.row,
+        limit.column,
+        grad,
+        pull,
+    )
     jac = np.array(motion.programme.jac_g(x, p)[1])
     np.testing.assert_allclose(grad, np.array(motion.programme.grad_f(x, p)[1]).ravel(), atol=1e-10)
     np.testing.assert_allclose(pull, jac.T @ y, atol=1e-9)

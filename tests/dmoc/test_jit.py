@@ -61,11 +61,18 @@ def test_kernels_run_from_a_read_only_installation_without_a_home(tmp_path, has_
         own.touch()
     keep = {k: v for k, v in os.environ.items() if not k.startswith(("HOME", "NUMBA", "XDG"))}
     done = subprocess.run(
-        [sys.executable, "-B", "-c", RUN_KERNELS], capture_output=True, text=True, check=False,
-        cwd=scratch, env=keep | {
-            "HOME": "/dev/null", "PYTHONPATH": str(installed), "TMPDIR": str(scratch),
+        [sys.executable, "-B", "-c", RUN_KERNELS],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=scratch,
+        env=keep
+        | {
+            "HOME": "/dev/null",
+            "PYTHONPATH": str(installed),
+            "TMPDIR": str(scratch),
         },
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     if has_temporary_folder:
         assert done.stdout.strip().startswith(str(own))

@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 from random_arms import random_problems, random_robot
 
-from dmoc.constraints import EndCondition, EndCost, MotionLimits, PathConstraint, TorqueSpeed
-from dmoc.cost import Cost, ElectricalCost
-from dmoc.drive import drive_from_mapping, electrical_power_w
 from dmoc.errors import ProblemError
-from dmoc.guess import guess_from_trajectory, straight_guess
-from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Box, PathRows, SolveParams
-from dmoc.resimulation import replay_motion
-from dmoc.robot import load_robot
-from dmoc.solver import solve
-from dmoc.status import Status
+from dmoc.motion.constraints import EndCondition, EndCost, MotionLimits, PathConstraint, TorqueSpeed
+from dmoc.motion.cost import Cost, ElectricalCost
+from dmoc.motion.status import Status
+from dmoc.physics.resimulation import replay_motion
+from dmoc.programme.guess import guess_from_trajectory, straight_guess
+from dmoc.programme.types import Box, PathRows, SolveParams
+from dmoc.robot.drive import drive_from_mapping, electrical_power_w
+from dmoc.robot.robot import load_robot
+from dmoc.solving.nlp import solve_nlp
+from dmoc.solving.solver import solve
 
 
 @pytest.fixture(scope="module")
@@ -193,9 +193,11 @@ def test_boxes_and_half_spaces(problem, plain) -> None:
     inside = solve_nlp(problem, start, box=box, rows=idle)
     assert inside.cost == pytest.approx(plain.cost, rel=1e-6)
     many = PathRows(
-        np.repeat(np.arange(count), 12), np.tile(np.linspace(0, 0.9, 12), count),
-        np.tile(np.eye(n)[1], (12 * count, 1)), np.full(12 * count, -2.0),
-    )  # fmt: skip
+        np.repeat(np.arange(count), 12),
+        np.tile(np.linspace(0, 0.9, 12), count),
+        np.tile(np.eye(n)[1], (12 * count, 1)),
+        np.full(12 * count, -2.0),
+    )
     crowded = solve_nlp(problem, guess, rows=many)
     assert crowded.status is Status.CONVERGED
     assert crowded.q_rad[:, 1].min() >= -2.0 - 1e-6
@@ -203,7 +205,7 @@ def test_boxes_and_half_spaces(problem, plain) -> None:
 
 def test_warm_start_takes_fewer_iterations(problem, plain) -> None:
     cold = solve_nlp(problem, straight_guess(problem))
-    from dmoc.nlp_types import Guess
+    from dmoc.programme.types import Guess
 
     moved = problem.replace(goal_rad=problem.goal_rad + 0.02)
     again = solve_nlp(moved, Guess(cold.q_rad, cold.torque_nm, cold.step_s, cold.multipliers))

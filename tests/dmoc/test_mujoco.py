@@ -7,9 +7,9 @@ import pytest
 from mujoco_arm import mujoco_model
 from random_arms import random_problems
 
-from dmoc.resimulation import SUBSTEPS, WINDOW, replay_motion, simulate_tracking
-from dmoc.robot import load_robot
-from dmoc.solver import solve
+from dmoc.physics.resimulation import SUBSTEPS, WINDOW, replay_motion, simulate_tracking
+from dmoc.robot.robot import load_robot
+from dmoc.solving.solver import solve
 
 ROBOTS = ("ur10e_class", "irb6640_class")
 

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmoc.blended_path import blend_corners
-from dmoc.cost import Cost
-from dmoc.motion import MotionProblem
-from dmoc.parametrise import best_slowdown, slowdown_coefficients, time_scale
-from dmoc.robot import load_robot
-from dmoc.running_cost import trajectory_cost
-from dmoc.trajectory import JointPath, JointTrajectory, inverse_dynamics
+from dmoc.curves.blended_path import blend_corners
+from dmoc.curves.time_scaling import best_slowdown, slowdown_coefficients, time_scale
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.trajectory import JointPath, JointTrajectory, inverse_dynamics
+from dmoc.physics.running_cost import trajectory_cost
+from dmoc.robot.robot import load_robot
 
 CORNERS = np.array([[0.0, 0.0], [0.2, 1.2], [1.5, -1.0], [1.5, 1.0]])
 
@@ -87,9 +87,12 @@ def test_slowing_down_further_or_less_costs_more(arm):
     for kappa in (0.93, 1.07):
         trajectory = timed.trajectory
         other = JointTrajectory(
-            trajectory.t_s * kappa, trajectory.q_rad, trajectory.velocity_rad_s / kappa,
-            trajectory.torque_nm, arm,
-        )  # fmt: skip
+            trajectory.t_s * kappa,
+            trajectory.q_rad,
+            trajectory.velocity_rad_s / kappa,
+            trajectory.torque_nm,
+            arm,
+        )
         assert trajectory_cost(other, arm, problem.cost) > best
 
 

@@ -6,14 +6,14 @@ import itertools
 import numpy as np
 import pytest
 
-from dmoc.clearance import Certificate, CertificateFailure
 from dmoc.errors import ProblemError
-from dmoc.motion import MotionProblem
+from dmoc.motion.clearance import Certificate, CertificateFailure
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.status import Status
+from dmoc.motion.trajectory import JointPath
 from dmoc.refinement import RefineParams, refine
-from dmoc.robot import load_robot
-from dmoc.status import Status
-from dmoc.trajectory import JointPath
-from planning.planar_world import PlanarWorld
+from dmoc.robot.robot import load_robot
+from tests.naive.planar_world import PlanarWorld
 
 WORLD = PlanarWorld([1.0, 0.8], [[1.35, 0.75]], [0.25])
 PATH = JointPath(np.array([[-0.5, 0.3], [-0.5, 2.4], [1.6, 2.4], [1.6, -0.3]]))
@@ -91,9 +91,7 @@ def test_boxes_with_sub_points_end_certified_but_dearer(problem, halfspaces):
 def test_paper_boxes_hold_the_knots_only(problem):
     """As printed: every knot keeps d_c; between the knots nothing is promised."""
     records = []
-    refine(
-        problem, PATH, WORLD, method="boxes", params=RefineParams.paper(), trace=records.append
-    )  # fmt: skip
+    refine(problem, PATH, WORLD, method="boxes", params=RefineParams.paper(), trace=records.append)
     accepted = [r for r in records if r.accepted]
     assert accepted
     for record in accepted:
@@ -121,9 +119,7 @@ def test_backtracking_fires_and_cures_wrong_weights(problem, settings, scale):
     sub-points a knot's box is the least of nine, which hides 0.3 but not 0.1."""
     wrong = dataclasses.replace(WORLD, weight_scale=scale)
     records = []
-    motion = refine(
-        problem, PATH, wrong, method="boxes", params=settings, trace=records.append
-    )  # fmt: skip
+    motion = refine(problem, PATH, wrong, method="boxes", params=settings, trace=records.append)
     assert any(r.backtracks > 0 for r in records)
     for record in records:
         if record.accepted:

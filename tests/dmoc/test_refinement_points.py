@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmoc.motion import MotionProblem
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.trajectory import JointPath
 from dmoc.refinement.halfspaces import half_spaces
 from dmoc.refinement.iterate import (
     Points,
@@ -17,9 +18,8 @@ from dmoc.refinement.iterate import (
 )
 from dmoc.refinement.params import RefineParams
 from dmoc.refinement.points import knots_of, look, points_of, required_clearance
-from dmoc.robot import load_robot
-from dmoc.trajectory import JointPath
-from planning.planar_world import PlanarWorld
+from dmoc.robot.robot import load_robot
+from tests.naive.planar_world import PlanarWorld
 
 WORLD = PlanarWorld([1.0, 0.8], [[1.35, 0.75]], [0.25])
 CORNERS = np.array([[-0.2, 0.3], [0.5, 2.2], [1.6, -0.3]])

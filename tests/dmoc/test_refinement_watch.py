@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmoc.motion import MotionProblem
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.trajectory import JointPath
 from dmoc.refinement import RefineParams, refine
 from dmoc.refinement.iterate import Points, iterate_from_path
 from dmoc.refinement.points import joined, look, points_of
 from dmoc.refinement.watch import _movable, nearest_places
-from dmoc.robot import load_robot
-from dmoc.trajectory import JointPath
-from planning.planar_world import PlanarWorld
+from dmoc.robot.robot import load_robot
+from tests.naive.planar_world import PlanarWorld
 
 FRACTIONS = (0.0, 0.25, 0.5, 0.75)
 

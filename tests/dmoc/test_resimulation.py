@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from random_arms import random_problems, random_robot
 
-from dmoc.cost import Cost
 from dmoc.errors import ProblemError
-from dmoc.motion import Motion
-from dmoc.resimulation import replay_motion
-from dmoc.solver import solve
-from dmoc.status import Status
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import Motion
+from dmoc.motion.status import Status
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.physics.resimulation import replay_motion
+from dmoc.solving.solver import solve
 
 
 @pytest.fixture(scope="module")

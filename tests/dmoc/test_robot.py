@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dmoc.robot import Robot, Tool, available_robots, load_robot
-from dmoc.robots.generate import write_robots
-from dmoc.robots.ur10e import DH
+from authoring.robots.generate import write_robots
+from authoring.robots.ur10e import DH
+from dmoc.robot.robot import Robot, Tool, available_robots, load_robot
 
 HOME = np.array([0.0, -0.35, 0.35, 0.0, 0.6, 0.0])
 
@@ -40,10 +40,14 @@ def test_ur_class_follows_its_denavit_hartenberg_table():
         pose = np.eye(4)
         for angle, (a, d, alpha) in zip(q, DH, strict=True):
             c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
-            pose = pose @ np.array([
-                [c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s],
-                [0, sa, ca, d], [0, 0, 0, 1],
-            ])  # fmt: skip
+            pose = pose @ np.array(
+                [
+                    [c, -s * ca, s * sa, a * c],
+                    [s, c * ca, -c * sa, a * s],
+                    [0, sa, ca, d],
+                    [0, 0, 0, 1],
+                ]
+            )
         assert np.allclose(robot.flange_pose(q).homogeneous, pose, atol=1e-12)
 
 

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from random_arms import random_problems, random_urdf
 
-from dmoc.constraints import EndCost, MotionLimits
-from dmoc.cost import Cost, ElectricalCost
-from dmoc.parametrise import time_scale
-from dmoc.resimulation import replay_motion
-from dmoc.robot import load_robot
-from dmoc.running_cost import trajectory_cost
-from dmoc.solver import solve
-from dmoc.trajectory import JointPath, JointTrajectory, inverse_dynamics
+from dmoc.curves.time_scaling import time_scale
+from dmoc.motion.constraints import EndCost, MotionLimits
+from dmoc.motion.cost import Cost, ElectricalCost
+from dmoc.motion.trajectory import JointPath, JointTrajectory, inverse_dynamics
+from dmoc.physics.resimulation import replay_motion
+from dmoc.physics.running_cost import trajectory_cost
+from dmoc.robot.robot import load_robot
+from dmoc.solving.solver import solve
 
 N = 3
 
@@ -42,14 +42,18 @@ KINDS = {
     "wrench": (Cost(effort=1e-4), {"wrench": np.array([30.0, 0.0, -60.0, 5.0, 10.0, 0.0])}),
     "end cost": (
         Cost(),
-        {"limits": MotionLimits(end_cost=end_cost(), free_goal_joints=(1, 2),
-                                free_goal_velocity=True)},
+        {
+            "limits": MotionLimits(
+                end_cost=end_cost(), free_goal_joints=(1, 2), free_goal_velocity=True
+            )
+        },
     ),
     "end velocities": (
-        Cost(effort=1e-5), {"start_velocity_rad_s": 0.3, "goal_velocity_rad_s": -0.2}
+        Cost(effort=1e-5),
+        {"start_velocity_rad_s": 0.3, "goal_velocity_rad_s": -0.2},
     ),
     "fixed duration": (Cost(effort=1e-4, state_matrix=STATE), {"duration_s": 2.5}),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +84,7 @@ def test_matrices_are_priced_as_written(robot) -> None:
     t = np.linspace(0.0, 1.0, 5)[:, None]
     curve = JointTrajectory(
         t[:, 0], q0 + v0 * t + a * t**2 / 2, v0 + a * t, np.zeros((4, N)), robot
-    )  # fmt: skip
+    )
     cost = Cost(time=0.3, effort=1e-5, velocity=0.7, state_matrix=STATE, torque_matrix=TORQUE)
     times, rates = np.linspace(0.0, 1.0, 401), []
     for s in times:

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from random_arms import random_problems, random_robot
 
-from dmoc.constraints import MotionLimits
-from dmoc.cost import Cost
 from dmoc.errors import ProblemError
-from dmoc.motion import MotionNotSolved, MotionProblem
-from dmoc.nlp import STATUS
-from dmoc.nlp_types import SolveParams
-from dmoc.robot import load_robot
-from dmoc.solver import solve
-from dmoc.status import Status
+from dmoc.motion.constraints import MotionLimits
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import MotionNotSolved, MotionProblem
+from dmoc.motion.status import Status
+from dmoc.programme.types import SolveParams
+from dmoc.robot.robot import load_robot
+from dmoc.solving.nlp import STATUS
+from dmoc.solving.solver import solve
 
 
 @pytest.fixture(scope="module")

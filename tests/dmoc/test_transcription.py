@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from random_arms import random_problems, random_robot
 
-from dmoc.programme import Families, motion_programme
-from dmoc.state import max_defect, residuals
-from dmoc.transcription import Layout
+from dmoc.physics.state import max_defect, residuals
+from dmoc.programme.builder import Families, motion_programme
+from dmoc.programme.transcription import Layout
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +50,16 @@ def test_assembled_derivatives_equal_casadi(robot, families) -> None:
     f, g = programme.nlp(xs, ps)
     lagrangian = 0.7 * f + ca.dot(lam, g)
     check = ca.Function(
-        "check", [xs, ps],
+        "check",
+        [xs, ps],
         [ca.gradient(f, xs), ca.jacobian(g, xs), ca.triu(ca.hessian(lagrangian, xs)[0])],
-    )  # fmt: skip
+    )
     expected = [np.array(part) for part in check(x, p)]
     found = (
-        programme.grad_f(x, p)[1], programme.jac_g(x, p)[1], programme.hess_lag(x, p, 0.7, lam)
-    )  # fmt: skip
+        programme.grad_f(x, p)[1],
+        programme.jac_g(x, p)[1],
+        programme.hess_lag(x, p, 0.7, lam),
+    )
     for mine, theirs in zip(found, expected):
         np.testing.assert_allclose(np.array(mine), theirs, atol=1e-9 * max(1, np.abs(theirs).max()))
     np.testing.assert_array_equal(

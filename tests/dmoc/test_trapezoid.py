@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from dmoc import trapezoid
+from dmoc.curves import trapezoid
+from dmoc.curves.trapezoid import trapezoid_duration_s, trapezoid_motion
 from dmoc.errors import ProblemError
-from dmoc.robot import load_robot
-from dmoc.trapezoid import trapezoid_duration_s, trapezoid_motion
+from dmoc.robot.robot import load_robot
 
 ROBOT = load_robot("ur10e_class")
 RNG = np.random.default_rng(2)

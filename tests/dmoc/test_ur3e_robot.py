@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmoc.drive import drive_from_mapping
-from dmoc.robot import Tool, load_robot
-from dmoc.robots.ur3e import DH
-from dmoc.trajectory import inverse_dynamics
+from authoring.robots.ur3e import DH
+from dmoc.motion.trajectory import inverse_dynamics
+from dmoc.robot.drive import drive_from_mapping
+from dmoc.robot.robot import Tool, load_robot
 
 DATA = Path(os.environ.get("DMOC_DATA", Path(__file__).parents[3] / "shared" / "data"))
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dmoc.errors import DmocError, RobotError
-from dmoc.robot import load_robot
+from dmoc.robot.robot import load_robot
 
 SOURCE = load_robot("irb6640_class").urdf
 URDF = SOURCE.read_text()
@@ -43,49 +43,75 @@ BAD = {
     "text mass": (r'<mass value="330"/>', '<mass value="heavy"/>', "urdf-number"),
     "negative inertia": (r'ixx="23.3[^"]*"', 'ixx="-1"', "inertia-impossible"),
     "triangle inequality": (r'izz="31[^"]*"', 'izz="900"', "inertia-impossible"),
-    "inertia in g mm": (r'ixx="[^"]*"( ixy="0" ixz="0") iyy="[^"]*"( iyz="0") izz="[^"]*"',
-                        r'ixx="3e8"\1 iyy="3e8"\2 izz="3e8"', "urdf-unit"),
-    "inverted limit": (r'lower="-2.9[^"]*" upper="2.9[^"]*"', 'lower="2" upper="-2"',
-                       "limit-inverted"),
+    "inertia in g mm": (
+        r'ixx="[^"]*"( ixy="0" ixz="0") iyy="[^"]*"( iyz="0") izz="[^"]*"',
+        r'ixx="3e8"\1 iyy="3e8"\2 izz="3e8"',
+        "urdf-unit",
+    ),
+    "inverted limit": (
+        r'lower="-2.9[^"]*" upper="2.9[^"]*"',
+        'lower="2" upper="-2"',
+        "limit-inverted",
+    ),
     "degrees": (r'lower="-2.9[^"]*" upper="2.9[^"]*"', 'lower="-170" upper="170"', "urdf-unit"),
-    "no limit": (r'<limit [^>]*/>', "", "limit-missing"),
+    "no limit": (r"<limit [^>]*/>", "", "limit-missing"),
     "zero axis": (r'<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "axis-zero"),
     "short axis": (r'<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', "urdf-number"),
     "zero effort": (r'effort="14000"', 'effort="0"', "limit-effort"),
     "zero speed": (r'velocity="1.7[^"]*"', 'velocity="0"', "limit-velocity"),
     "millimetres": (r'xyz="0 0 1.075"', 'xyz="0 0 1075"', "urdf-unit"),
     "infinite offset": (r'xyz="0 0 1.075"', 'xyz="0 0 inf"', "urdf-number"),
-    "continuous": (r'name="joint_4" type="revolute"', 'name="joint_4" type="continuous"',
-                   "joint-type"),
-    "prismatic": (r'name="joint_4" type="revolute"', 'name="joint_4" type="prismatic"',
-                  "joint-type"),
-    "unknown parent": (r'<parent link="link_3"/>', '<parent link="link_33"/>',
-                       "urdf-link-unknown"),
+    "continuous": (
+        r'name="joint_4" type="revolute"',
+        'name="joint_4" type="continuous"',
+        "joint-type",
+    ),
+    "prismatic": (
+        r'name="joint_4" type="revolute"',
+        'name="joint_4" type="prismatic"',
+        "joint-type",
+    ),
+    "unknown parent": (r'<parent link="link_3"/>', '<parent link="link_33"/>', "urdf-link-unknown"),
     "two parents": (r'<child link="link_4"/>', '<child link="link_3"/>', "urdf-tree"),
     "loop": (r'<child link="link_1"/>', '<child link="base_link"/>', "urdf-tree"),
     "branch": (r'<parent link="link_3"/>', '<parent link="link_2"/>', "urdf-serial"),
     "twice": (r'<link name="link_3">', '<link name="link_2">', "urdf-duplicate"),
-    "mesh outside": (r'<box size="0.78 0.7 0.08"/>', '<mesh filename="../../etc/passwd.stl"/>',
-                     "path-outside"),
-    "mesh absolute": (r'<box size="0.78 0.7 0.08"/>', '<mesh filename="/etc/passwd"/>',
-                      "path-outside"),
-    "mesh uri": (r'<box size="0.78 0.7 0.08"/>', '<mesh filename="file:///etc/passwd"/>',
-                 "mesh-missing"),
+    "mesh outside": (
+        r'<box size="0.78 0.7 0.08"/>',
+        '<mesh filename="../../etc/passwd.stl"/>',
+        "path-outside",
+    ),
+    "mesh absolute": (
+        r'<box size="0.78 0.7 0.08"/>',
+        '<mesh filename="/etc/passwd"/>',
+        "path-outside",
+    ),
+    "mesh uri": (
+        r'<box size="0.78 0.7 0.08"/>',
+        '<mesh filename="file:///etc/passwd"/>',
+        "mesh-missing",
+    ),
     "mesh missing": (r'<box size="0.78 0.7 0.08"/>', '<mesh filename="no.stl"/>', "mesh-missing"),
-    "negative box": (r'<box size="0.78 0.7 0.08"/>', '<box size="0.78 -0.7 0.08"/>',
-                     "shape-size"),
-    "two shapes": (r'<box size="0.78 0.7 0.08"/>', '<box size="1 1 1"/><sphere radius="1"/>',
-                   "shape-choice"),
-    "entities": (r'<\?xml version="1.0"\?>',
-                 '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]>',
-                 "urdf-entity"),
-    "xacro": (r'<link name="flange"/>', '<link name="flange"/><xacro:include filename="x"/>',
-              "urdf-xacro"),
+    "negative box": (r'<box size="0.78 0.7 0.08"/>', '<box size="0.78 -0.7 0.08"/>', "shape-size"),
+    "two shapes": (
+        r'<box size="0.78 0.7 0.08"/>',
+        '<box size="1 1 1"/><sphere radius="1"/>',
+        "shape-choice",
+    ),
+    "entities": (
+        r'<\?xml version="1.0"\?>',
+        '<?xml version="1.0"?><!DOCTYPE r [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]>',
+        "urdf-entity",
+    ),
+    "xacro": (
+        r'<link name="flange"/>',
+        '<link name="flange"/><xacro:include filename="x"/>',
+        "urdf-xacro",
+    ),
     "syntax": (r"</robot>", "", "urdf-syntax"),
     "no robot": (r"<robot name.*</robot>", "<sdf/>", "urdf-root"),
-    "mimic": (r'<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="joint_2"/>',
-              "joint-mimic"),
-}  # fmt: skip
+    "mimic": (r'<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="joint_2"/>', "joint-mimic"),
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -122,11 +148,16 @@ def test_deep_nesting_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("content", "code"),
-    [(b"", "mesh-broken"), (b"solid x\nfacet", "mesh-broken"),
-     (b"x" * 80 + struct.pack("<I", 99), "mesh-broken"),
-     (b"x" * 80 + struct.pack("<I", 1) + np.full(12, np.nan, "<f4").tobytes() + b"\0\0",
-      "mesh-broken")],
-)  # fmt: skip
+    [
+        (b"", "mesh-broken"),
+        (b"solid x\nfacet", "mesh-broken"),
+        (b"x" * 80 + struct.pack("<I", 99), "mesh-broken"),
+        (
+            b"x" * 80 + struct.pack("<I", 1) + np.full(12, np.nan, "<f4").tobytes() + b"\0\0",
+            "mesh-broken",
+        ),
+    ],
+)
 def test_broken_link_meshes(tmp_path, content, code):
     (tmp_path / "link.stl").write_bytes(content)
     bad = sub('<box size="0.78 0.7 0.08"/>', '<mesh filename="link.stl"/>')

@@ -11,11 +11,13 @@ from scipy.spatial import ConvexHull
 
 def overlap(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether the hulls of points a (P, 3) and b (Q, 3) share a point: one linear programme."""
-    rows = np.vstack([
-        np.hstack([a.T, -b.T]),
-        np.hstack([np.ones(len(a)), np.zeros(len(b))]),
-        np.hstack([np.zeros(len(a)), np.ones(len(b))]),
-    ])  # fmt: skip
+    rows = np.vstack(
+        [
+            np.hstack([a.T, -b.T]),
+            np.hstack([np.ones(len(a)), np.zeros(len(b))]),
+            np.hstack([np.zeros(len(a)), np.ones(len(b))]),
+        ]
+    )
     found = linprog(np.zeros(len(a) + len(b)), A_eq=rows, b_eq=[0, 0, 0, 1, 1], bounds=(0, None))
     return bool(found.status == 0)
 

@@ -1,9 +1,9 @@
-"""De Casteljau's construction and plain loops: slow oracles of `dmoc.bezier` and the metrics."""
+"""De Casteljau's construction and plain loops: slow oracles of `bezier_motion` and the metrics."""
 
 import numpy as np
 import pinocchio as pin
 
-from dmoc.robot import Robot
+from dmoc.robot.robot import Robot
 
 
 def casteljau(control: np.ndarray, u: float) -> np.ndarray:

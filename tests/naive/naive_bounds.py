@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmoc.cost import Cost
-from dmoc.robot import Robot
-from dmoc.state import mass_matrices
+from dmoc.motion.cost import Cost
+from dmoc.physics.state import mass_matrices
+from dmoc.robot.robot import Robot
 from sequencing.bounds.series import ArmSeries
 
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from sequencing.timing.dc_link import LinkParams
+from sequencing.timing.power.dc_link import LinkParams
 
 
 def circuit_energies(power_w, total_s, breaks, link: LinkParams, hysteresis: bool) -> dict:

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from dmoc.drive import electrical_power_w
+from dmoc.robot.drive import electrical_power_w
 
 
 def robot_power_w(robot, drive, trajectory, start_s, override, t_s):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sequencing.report.paper import paper_tables
+from studies.stud_welding.paper import paper_tables
 
 
 def test_bjorkenstam2014_table1_has_twenty_studs_and_307_alternatives() -> None:

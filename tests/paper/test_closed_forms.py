@@ -4,12 +4,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from dmoc.cost import Cost
-from dmoc.motion import MotionProblem
-from dmoc.nlp_types import Guess, SolveParams
-from dmoc.robot import load_robot
-from dmoc.solver import solve
-from dmoc.status import Status
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.status import Status
+from dmoc.programme.types import Guess, SolveParams
+from dmoc.robot.robot import load_robot
+from dmoc.solving.solver import solve
 
 EFFORT_ONLY = Cost(time=0.0, effort=1.0, velocity=0.0, torque_smoothing=0.0)
 

@@ -12,9 +12,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from dmoc.programme import arm_of
-from dmoc.robot import load_robot
-from dmoc.stages import dynamics_stage
+from dmoc.programme.builder import arm_of
+from dmoc.programme.stages import dynamics_stage
+from dmoc.robot.robot import load_robot
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "naive"))
 from naive_integrators import euler, runge_kutta, trapezoid

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from dmoc.bezier import bernstein
-from dmoc.bezier_problem import BezierProblem
-from dmoc.bezier_swarm import END_STEP_RAD, FREE_STEP_RAD, PAPER_SWARM
-from dmoc.robot import load_robot
-from sequencing.studies.ur3 import PAPER_SAVING_PERCENT
+from dmoc.robot.robot import load_robot
+from studies.ur3.bezier_motion import bernstein
+from studies.ur3.bezier_problem import BezierProblem
+from studies.ur3.bezier_swarm import END_STEP_RAD, FREE_STEP_RAD, PAPER_SWARM
+from studies.ur3.study import PAPER_SAVING_PERCENT
 
 
 def test_table_1() -> None:

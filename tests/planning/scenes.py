@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dmoc.robot import Robot, load_robot
-from dmoc.trajectory import JointTrajectory
-from planning.shapes import Body, Shape, pose_matrix
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.robot.robot import Robot, load_robot
+from planning.geometry.shapes import Body, Shape, pose_matrix
 
 
 def box(name: str, size: tuple[float, ...], at: tuple[float, ...]) -> Body:
@@ -20,8 +20,9 @@ def clutter(seed: int, count: int = 6) -> tuple[Body, ...]:
     rng = np.random.default_rng(seed)
     bodies = []
     for i in range(count):
-        at = np.append(rng.uniform(0.35, 1.0) * _circle(rng.uniform(0, 2 * np.pi)),
-                       rng.uniform(-0.2, 1.2))  # fmt: skip
+        at = np.append(
+            rng.uniform(0.35, 1.0) * _circle(rng.uniform(0, 2 * np.pi)), rng.uniform(-0.2, 1.2)
+        )
         turn = rng.normal(size=4)
         pose = pose_matrix(at, turn / np.linalg.norm(turn))
         shape = (

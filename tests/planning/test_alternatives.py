@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from dmoc.errors import InputError, ProblemError
-from planning.alternative import departure_knots, departure_point, weld_line, weld_poses
-from planning.alternatives_search import FREE_M, alternatives
-from planning.check import check_station
-from planning.shapes import Body, Shape, pose_matrix
-from planning.station import demo_station
-from planning.studs import Stud
-from planning.world import CollisionWorld
+from planning.collision.world import CollisionWorld
+from planning.geometry.shapes import Body, Shape, pose_matrix
+from planning.station.build import demo_station
+from planning.station.studs import Stud
+from planning.welds.alternatives_search import FREE_M, alternatives
+from planning.welds.check import check_station
+from planning.welds.poses import departure_knots, departure_point, weld_line, weld_poses
 
 
 @pytest.fixture(scope="module", params=["stud_welding_a", "stud_welding_b", "stud_welding_c"])
@@ -101,8 +101,9 @@ def test_spins_turn_about_the_normal():
     assert poses.shape == (12, 4, 4)
     assert np.allclose(np.linalg.det(poses[:, :3, :3]), 1.0)
     assert np.allclose(poses[:, :3, 2], -stud.normal)
-    assert np.allclose(np.einsum("ki,ki->k", poses[:, :3, 0], np.roll(poses[:, :3, 0], 1, 0)),
-                       np.cos(np.pi / 6))  # fmt: skip
+    assert np.allclose(
+        np.einsum("ki,ki->k", poses[:, :3, 0], np.roll(poses[:, :3, 0], 1, 0)), np.cos(np.pi / 6)
+    )
     fixed = Stud("x", np.ones(3), stud.normal, 1.0, "", stud.normal, 0.03, spin_free=False)
     assert len(weld_poses(fixed, 12)) == 1
 
@@ -141,8 +142,9 @@ def test_part_is_an_obstacle_away_from_the_line():
 def test_check_station_and_a_home_in_collision(tmp_path):
     source = demo_station("stud_welding_a_8").source
     data = check_station(source)
-    assert [row["id"] for row in data["studs"]] == [s.id for s in demo_station(
-        "stud_welding_a_8").studs]  # fmt: skip
+    assert [row["id"] for row in data["studs"]] == [
+        s.id for s in demo_station("stud_welding_a_8").studs
+    ]
     assert data["errors"] == []
     assert data["configurations"] == sum(row["alternatives"] for row in data["studs"])
     for path in source.parent.iterdir():
@@ -157,5 +159,7 @@ def test_same_result_twice():
     station = demo_station("stud_welding_a_8")
     first, again = alternatives(station), alternatives(station)
     for a, b in zip(first, again, strict=True):
-        assert all(np.array_equal(x.q_rad, y.q_rad)
-                   for x, y in zip(a.alternatives, b.alternatives, strict=True))  # fmt: skip
+        assert all(
+            np.array_equal(x.q_rad, y.q_rad)
+            for x, y in zip(a.alternatives, b.alternatives, strict=True)
+        )

@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import box, clutter, quintic, random_q, snake
 
-from dmoc.robot import load_robot
-from dmoc.trajectory import JointTrajectory
-from planning.certificate import bezier_of, certify, prove_path, sub_points
-from planning.departure_line import DepartureLine
-from planning.shapes import Body, Shape, pose_matrix
-from planning.world import world_for
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.robot.robot import load_robot
+from planning.collision.certificate import bezier_of, certify, prove_path, sub_points
+from planning.collision.departure_line import DepartureLine
+from planning.collision.world import world_for
+from planning.geometry.shapes import Body, Shape, pose_matrix
 
 ROBOT = load_robot("ur10e_class")
 
@@ -26,8 +26,9 @@ def turn_past(tmp_path, obstacles, tool=()):
 def test_bezier_control_points_give_the_trajectory_itself() -> None:
     rng = np.random.default_rng(0)
     t = np.cumsum(rng.uniform(0.1, 1.0, 8))
-    trajectory = JointTrajectory(t, rng.normal(size=(8, 6)), rng.normal(size=(8, 6)),
-                                 np.zeros((7, 6)))  # fmt: skip
+    trajectory = JointTrajectory(
+        t, rng.normal(size=(8, 6)), rng.normal(size=(8, 6)), np.zeros((7, 6))
+    )
     times = np.concatenate([t[:-1, None] + np.diff(t)[:, None] * np.arange(4) / 4]).ravel()
     expected = trajectory.sample(np.append(times, t[-1])).q_rad
     assert np.allclose(sub_points(bezier_of(trajectory), 4), expected, atol=1e-12)
@@ -91,8 +92,9 @@ def test_self_collision_is_caught(tmp_path) -> None:
         pytest.skip("the fold does not touch")
     certificate = world.clearance().certify(quintic(straight, folded))
     assert not certificate.ok
-    assert all(a.startswith("l") and b.startswith("l") for a, b in
-               (f.pair for f in certificate.failures))  # fmt: skip
+    assert all(
+        a.startswith("l") and b.startswith("l") for a, b in (f.pair for f in certificate.failures)
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -164,17 +166,18 @@ def test_certified_means_free_for_random_curves(seed: int) -> None:
     world = world_for(ROBOT, (), clutter(seed, 4))
     clearance = world.clearance()
     q = random_q(ROBOT, 1, seed)[0] + np.cumsum(rng.normal(scale=0.08, size=(5, 6)), axis=0)
-    trajectory = JointTrajectory(np.arange(5.0) * 0.3, q, rng.normal(scale=0.3, size=(5, 6)),
-                                 np.zeros((4, 6)))  # fmt: skip
+    trajectory = JointTrajectory(
+        np.arange(5.0) * 0.3, q, rng.normal(scale=0.3, size=(5, 6)), np.zeros((4, 6))
+    )
     certificate = clearance.certify(trajectory)
     phi = clearance.phi(trajectory.sample(np.linspace(0, 1.2, 600)).q_rad)
     if certificate.ok:
         assert phi.min() > clearance.tracking_error_m
     else:
         # A failure is contact up to the resolution of the bisection, never caution alone.
-        fine = np.concatenate([
-            trajectory.sample(0.3 * (f.interval + f.fraction)).q_rad for f in certificate.failures
-        ])  # fmt: skip
+        fine = np.concatenate(
+            [trajectory.sample(0.3 * (f.interval + f.fraction)).q_rad for f in certificate.failures]
+        )
         assert clearance.phi(fine).min() <= clearance.tracking_error_m + 1e-3
 
 
@@ -211,10 +214,12 @@ def _follow(world, q: np.ndarray, step: np.ndarray, parts: int = 9) -> np.ndarra
         q = path[-1].copy()
         for _ in range(60):
             error = goal - world.tip_positions(q)[0]
-            jacobian = np.column_stack([
-                (world.tip_positions(q + 1e-6 * e)[0] - world.tip_positions(q)[0]) / 1e-6
-                for e in np.eye(len(q))
-            ])  # fmt: skip
+            jacobian = np.column_stack(
+                [
+                    (world.tip_positions(q + 1e-6 * e)[0] - world.tip_positions(q)[0]) / 1e-6
+                    for e in np.eye(len(q))
+                ]
+            )
             q = q + jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-9 * np.eye(3), error)
         path.append(q)
     return np.array(path)

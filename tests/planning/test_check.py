@@ -4,8 +4,8 @@ import pytest
 from test_station import SMALL, STUDS, write
 
 from dmoc.errors import InputError
-from planning.check import check_station
-from planning.engines.coal_engine import CoalEngine
+from planning.collision.coal_engine import CoalEngine
+from planning.welds.check import check_station
 
 MASSES = "  mass_kg: 2\n  com_m: [0, 0, 0.05]\n"
 PLAIN = SMALL.replace("  tip:", MASSES + "  tip:")
@@ -37,15 +37,21 @@ def test_a_sound_station_has_no_warnings(tmp_path):
     ("old", "new", "code"),
     [
         ("mass_kg: 2", "mass_kg: 0", "tool-massless"),
-        ("mass_kg: 2", "mass_kg: 0\n  inertia_kg_m2: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]",
-         "tool-massless"),
-        ("mass_kg: 2", "mass_kg: 2\n  inertia_kg_m2: [[99, 0, 0], [0, 99, 0], [0, 0, 99]]",
-         "tool-inertia"),
+        (
+            "mass_kg: 2",
+            "mass_kg: 0\n  inertia_kg_m2: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]",
+            "tool-massless",
+        ),
+        (
+            "mass_kg: 2",
+            "mass_kg: 2\n  inertia_kg_m2: [[99, 0, 0], [0, 99, 0], [0, 0, 99]]",
+            "tool-inertia",
+        ),
         (", touches: true", "", "tool-touches"),
         ("tip: {position_m: [0, 0, 0.1]}", "tip: {position_m: [0, 0, 0.3]}", "tool-tip"),
         (SMALL[SMALL.index("  shapes:") : SMALL.index("  tip:")], "  shapes: []\n", "tool-bare"),
     ],
-)  # fmt: skip
+)
 def test_doubtful_tools(tmp_path, old, new, code):
     assert old in PLAIN
     assert code in warnings(tmp_path, PLAIN.replace(old, new))
@@ -58,7 +64,7 @@ def test_doubtful_tools(tmp_path, old, new, code):
         ("0,0,2,1", "0,0,-2,1", "stud-normal"),
         ("0.7,-0.2,0.15", "0.6,0.1,0.15", "stud-twice"),
     ],
-)  # fmt: skip
+)
 def test_doubtful_studs(tmp_path, old, new, code):
     assert warnings(tmp_path, studs=STUDS.replace(old, new)) == {code}
 

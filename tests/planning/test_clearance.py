@@ -3,8 +3,8 @@
 import numpy as np
 from scenes import clutter, random_q, snake
 
-from dmoc.robot import load_robot
-from planning.world import world_for
+from dmoc.robot.robot import load_robot
+from planning.collision.world import world_for
 
 ROBOT = load_robot("ur10e_class")
 
@@ -21,9 +21,9 @@ def surface_points(world, q: np.ndarray) -> np.ndarray:
         elif piece.kind == "cylinder":
             angle = np.linspace(0, 2 * np.pi, 24)
             ring = np.column_stack([np.cos(angle), np.sin(angle)]) * piece.size_m[0]
-            local = np.vstack([
-                np.column_stack([ring, np.full(24, z * piece.size_m[1] / 2)]) for z in (-1, 1)
-            ])  # fmt: skip
+            local = np.vstack(
+                [np.column_stack([ring, np.full(24, z * piece.size_m[1] / 2)]) for z in (-1, 1)]
+            )
         points.append(local @ pose[:9].reshape(3, 3).T + pose[9:12])
     return np.vstack(points)
 

@@ -4,14 +4,19 @@ import numpy as np
 import pytest
 import trimesh
 
+from authoring.stations import underbody
 from dmoc.errors import MeshError
-from planning.convex import convex_shape, cover_gap_m, read_pieces, sample_surface, write_pieces
-from planning.decompose import mesh_pieces, split_by_plane
-from planning.mesh_gate import Mesh, is_watertight
-from planning.nearest import body_distance_m, triangle_distance_m
-from planning.piece_cache import cached_pieces
-from planning.shapes import Body, Shape
-from planning.stations import underbody
+from planning.geometry.convex import (
+    convex_shape,
+    cover_gap_m,
+    read_pieces,
+    sample_surface,
+    write_pieces,
+)
+from planning.geometry.decompose import cached_pieces, mesh_pieces, split_by_plane
+from planning.geometry.mesh import Mesh, is_watertight
+from planning.geometry.nearest import body_distance_m, triangle_distance_m
+from planning.geometry.shapes import Body, Shape
 from tests.naive.inside import inside
 
 
@@ -159,8 +164,9 @@ def test_cached_pieces_equal_fresh_ones_and_survive_damage(tmp_path, monkeypatch
     file.write_bytes(file.read_bytes()[:100])
     damaged = cached_pieces(mesh)
     for other in (again, damaged):
-        assert all(np.array_equal(a.vertices_m, b.vertices_m)
-                   for a, b in zip(fresh, other, strict=True))  # fmt: skip
+        assert all(
+            np.array_equal(a.vertices_m, b.vertices_m) for a, b in zip(fresh, other, strict=True)
+        )
 
 
 def test_distance_to_bodies_against_sampling():
@@ -173,8 +179,10 @@ def test_distance_to_bodies_against_sampling():
         assert np.all(exact <= np.array(sampled) + 1e-12)
         assert exact == pytest.approx(sampled, abs=0.03)
     for kind, size, point, expected in (
-        ("box", (2.0, 2.0, 2.0), [2, 0, 0], 1.0), ("sphere", (1.0,), [0, 3, 0], 2.0),
-        ("cylinder", (1.0, 2.0), [0, 0, 3], 2.0), ("cylinder", (1.0, 2.0), [0.5, 0, 0], 0.0),
-    ):  # fmt: skip
+        ("box", (2.0, 2.0, 2.0), [2, 0, 0], 1.0),
+        ("sphere", (1.0,), [0, 3, 0], 2.0),
+        ("cylinder", (1.0, 2.0), [0, 0, 3], 2.0),
+        ("cylinder", (1.0, 2.0), [0.5, 0, 0], 0.0),
+    ):
         body = Body("b", (Shape(kind, size),))
         assert body_distance_m(body, np.array(point, dtype=float)) == pytest.approx(expected)

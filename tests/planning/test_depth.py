@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from dmoc.jit import njit
-from planning.engines.coal_engine import CoalEngine
-from planning.kernels import depth as inner
-from planning.shapes import Shape
+from planning.collision.coal_engine import CoalEngine
+from planning.collision.kernels import depth as inner
+from planning.geometry.shapes import Shape
 from tests.planning.test_engines import Pair, random_pose, random_shape
 
 
@@ -33,18 +33,39 @@ def depth(pair: Pair) -> tuple[np.ndarray, np.ndarray]:
     out, normal = np.full(8, np.nan), np.full(3, np.nan)
     s = pair.solids
     overlap_depth(
-        s.info, s.size, s.verts, s.near_start, s.near, pair.pose, 0, 1, inner.grown_workspace(),
-        out, normal,
-    )  # fmt: skip
+        s.info,
+        s.size,
+        s.verts,
+        s.near_start,
+        s.near,
+        pair.pose,
+        0,
+        1,
+        inner.grown_workspace(),
+        out,
+        normal,
+    )
     return out, normal
 
 
 def signed(pair: Pair) -> tuple[float, np.ndarray]:
     out, normal, s = np.empty(8), np.empty(3), pair.solids
     assert signed_distance(
-        s.info, s.size, s.verts, s.near_start, s.near, pair.pose, 0, 1, np.zeros(3), 1e9,
-        np.empty((4, 15)), inner.grown_workspace(), out, normal,
-    )  # fmt: skip
+        s.info,
+        s.size,
+        s.verts,
+        s.near_start,
+        s.near,
+        pair.pose,
+        0,
+        1,
+        np.zeros(3),
+        1e9,
+        np.empty((4, 15)),
+        inner.grown_workspace(),
+        out,
+        normal,
+    )
     return float(out[0]), normal
 
 

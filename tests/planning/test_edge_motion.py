@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from scenes import box, snake
 
-from dmoc.motion import MotionProblem
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.status import Status
 from dmoc.refinement import RefineParams
-from dmoc.solver import solve
-from dmoc.status import Status
+from dmoc.solving.solver import solve
 from planning import CollisionWorld, alternatives, demo_station
-from planning.alternative import weld_line
-from planning.departure import (
+from planning.collision.departure_line import line_stray_m
+from planning.collision.world import world_for
+from planning.path.departure import (
     best_departure,
     departure_fractions,
     line_through,
     num_line_knots,
     with_departure,
 )
-from planning.departure_line import line_stray_m
-from planning.edge_motion import EdgeParams, plan_motion
-from planning.world import world_for
+from planning.path.edge_motion import EdgeParams, plan_motion
+from planning.welds.poses import weld_line
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +37,9 @@ def edge(cell, start, goal, num_intervals=20):
     a, b = (table[stud].alternatives[index] for stud, index in (start, goal))
     problem = with_departure(
         MotionProblem(station.robot, a.q_rad, b.q_rad, station.cost, num_intervals),
-        line_through(a.line_rad), line_through(b.line_rad),
-    )  # fmt: skip
+        line_through(a.line_rad),
+        line_through(b.line_rad),
+    )
     lines = [weld_line(station, table[stud].stud) for stud, _ in (start, goal)]
     return problem, world.clearance(*lines), lines
 
@@ -94,8 +95,10 @@ def nearest_poses(table):
 def test_the_cheapest_number_of_line_knots_is_taken(cell):
     station, _, table = cell
     seen = set()
-    far = [(table[a].alternatives[0], table[b].alternatives[0])
-           for a, b in (("S01", "S20"), ("S04", "S14"), ("S12", "S07"))]  # fmt: skip
+    far = [
+        (table[a].alternatives[0], table[b].alternatives[0])
+        for a, b in (("S01", "S20"), ("S04", "S14"), ("S12", "S07"))
+    ]
     for a, b in (*far, nearest_poses(table)):
         lines = line_through(a.line_rad), line_through(b.line_rad)
         plain = MotionProblem(station.robot, a.q_rad, b.q_rad, station.cost, 20)
@@ -157,9 +160,7 @@ def test_same_seed_same_motion_and_a_finer_grid_agrees(cell, hard):
     two = plan_motion(problem, clearance, cell[1], seed=5)
     np.testing.assert_array_equal(one.trajectory.q_rad, two.trajectory.q_rad)
     fine, clearance, _ = edge(cell, start, goal, num_intervals=40)
-    final = plan_motion(
-        fine, clearance, cell[1], seed=5, quality="final", guess=one.trajectory
-    )  # fmt: skip
+    final = plan_motion(fine, clearance, cell[1], seed=5, quality="final", guess=one.trajectory)
     assert final.certified
     assert final.max_defect <= 1e-6
     assert final.cost == pytest.approx(one.cost, rel=0.04)
@@ -171,7 +172,7 @@ def test_boxes_end_certified(cell, hard):
     problem, clearance, lines = edge(cell, start, goal)
     motion = plan_motion(
         problem, clearance, cell[1], seed=1, method="boxes", params=EdgeParams(num_paths=1)
-    )  # fmt: skip
+    )
     assert motion.certified, motion.note
     assert motion.source == "refined"
     assert motion.cost > 0.98 * free.cost
@@ -184,7 +185,7 @@ def test_fallback_where_refinement_may_do_nothing(cell, hard):
     idle = RefineParams(max_outer=0, trust_rad=1e-6, repair_rounds=0)
     motion = plan_motion(
         problem, clearance, cell[1], seed=1, params=EdgeParams(num_paths=1, refine=idle)
-    )  # fmt: skip
+    )
     assert motion.source == "fallback"
     assert motion.certified
     assert motion.max_defect is None
@@ -216,12 +217,19 @@ def test_a_goal_behind_a_closed_wall_is_unreachable_and_the_wall_is_named(tmp_pa
     problem = MotionProblem(robot, start, goal, num_intervals=20)
     few = EdgeParams(max_iterations=150)
     for seed, quality, method in (
-        (0, "screen", "halfspaces"), (1, "final", "halfspaces"), (0, "screen", "boxes")
-    ):  # fmt: skip
+        (0, "screen", "halfspaces"),
+        (1, "final", "halfspaces"),
+        (0, "screen", "boxes"),
+    ):
         motion = plan_motion(
-            problem, closed.clearance(), closed, seed=seed, quality=quality, method=method,
+            problem,
+            closed.clearance(),
+            closed,
+            seed=seed,
+            quality=quality,
+            method=method,
             params=few,
-        )  # fmt: skip
+        )
         assert motion.status is Status.NO_PATH
         assert not motion.status.ok
         assert motion.trajectory is None

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from planning.engines.coal_engine import CoalEngine
-from planning.engines.fcl_engine import FclEngine
-from planning.kernels.gjk import FAR, HIT, SOLVED, clearly_farther, gjk, outer_bound
-from planning.packed import pack_solids
-from planning.pieces import piece_of
-from planning.shapes import Shape, pose_matrix
+from planning.collision.coal_engine import CoalEngine
+from planning.collision.fcl_engine import FclEngine
+from planning.collision.kernels.distance import FAR, HIT, SOLVED, clearly_farther, gjk, outer_bound
+from planning.collision.packed import pack_solids
+from planning.collision.pieces import piece_of
+from planning.geometry.shapes import Shape, pose_matrix
 from tests.naive.convex_distance import polytope_distance
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -42,8 +42,21 @@ class Pair:
     def kernel(self, above: float = 1e9, below: float = -1e9) -> tuple[int, np.ndarray, np.ndarray]:
         out, axis = np.zeros(8), np.zeros(3)
         s = self.solids
-        status = gjk(s.info, s.size, s.verts, s.near_start, s.near, self.pose, 0, 1, axis,
-                     above, below, np.zeros((4, 15)), out)  # fmt: skip
+        status = gjk(
+            s.info,
+            s.size,
+            s.verts,
+            s.near_start,
+            s.near,
+            self.pose,
+            0,
+            1,
+            axis,
+            above,
+            below,
+            np.zeros((4, 15)),
+            out,
+        )
         return status, out, axis
 
     def points(self, i: int) -> np.ndarray:

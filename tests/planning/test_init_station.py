@@ -5,10 +5,10 @@ import pytest
 import trimesh
 
 from dmoc.errors import InputError
-from dmoc.robot import load_robot
-from planning.check import check_station
-from planning.init_station import init_station
-from planning.station import load_station
+from dmoc.robot.robot import load_robot
+from planning.station.build import load_station
+from planning.station.template import init_station
+from planning.welds.check import check_station
 
 STUDS = "id,x_m,y_m,z_m,nx,ny,nz,weld_time_s\na,0.6,0.1,0.2,0,0,1,1\nb,0.7,-0.2,0.2,0,0,1,1\n"
 
@@ -58,8 +58,10 @@ def test_all_faults_at_once_and_nothing_written(inputs):
     with pytest.raises(InputError) as caught:
         init_station("no_robot", inputs / "part.stl", inputs / "welds.csv", inputs / "out", "m")
     assert {fault.code for fault in caught.value.faults} == {
-        "robot-missing", "mesh-unit", "stud-value",
-    }  # fmt: skip
+        "robot-missing",
+        "mesh-unit",
+        "stud-value",
+    }
     assert not (inputs / "out").exists()
 
 

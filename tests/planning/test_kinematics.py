@@ -6,16 +6,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmoc.robot import Tool, load_robot
-from planning.chain import Chain, chain_of, pose_error, rotation_log
-from planning.ik_closed import closed_form
-from planning.ik_numeric import converge, multi_start
-from planning.kinematics import follow_line, inverse, wraps
+from dmoc.robot.robot import Tool, load_robot
+from planning.arm.closed_forms import closed_form
+from planning.arm.inverse_kinematics import follow_line, inverse, wraps
+from planning.arm.numeric import converge, multi_start
+from planning.arm.screws import Chain, chain_of, pose_error, rotation_log
 
 TOOL = Tool(
-    mass_kg=1.0, tip_position_m=np.array([0.3, 0.02, -0.4]),
+    mass_kg=1.0,
+    tip_position_m=np.array([0.3, 0.02, -0.4]),
     tip_quaternion_xyzw=np.array([0.8, 0.0, 0.6, 0.0]),
-)  # fmt: skip
+)
 BASE = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 2.0), np.array([0.4, -1.0, 0.3]))
 
 
@@ -80,8 +81,15 @@ def test_singular_wrist_and_stretched_arm():
     chain = chain_of(robot)
     straight = np.array([0.3, 0.2, -0.4, 0.0, 0.0, 0.5])
     found = inverse(robot, chain.forward(straight))
-    assert np.abs(pose_error(chain.forward(np.repeat(straight[None], len(found.q_rad), 0)),
-                             chain.forward(found.q_rad))).max() <= 1e-9  # fmt: skip
+    assert (
+        np.abs(
+            pose_error(
+                chain.forward(np.repeat(straight[None], len(found.q_rad), 0)),
+                chain.forward(found.q_rad),
+            )
+        ).max()
+        <= 1e-9
+    )
     assert len(found.q_rad) >= 1
     reach = float(np.arctan2(0.2, 1.392))  # elbow offset: here the forearm continues the arm
     stretched = np.array([0.0, 0.5, -np.pi / 2 + reach, 0.7, 0.4, 0.1])

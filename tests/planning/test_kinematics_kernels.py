@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 from dmoc.errors import RobotError
-from planning.kernels.kinematics import joint_poses, point_gradient, relative_motion
-from planning.packed import pack_chain
+from planning.collision.kernels.poses import joint_poses, point_gradient, relative_motion
+from planning.collision.packed import pack_chain
 
 
 def random_tree(rng: np.random.Generator, joints: int) -> pin.Model:
@@ -15,9 +15,13 @@ def random_tree(rng: np.random.Generator, joints: int) -> pin.Model:
         axis = rng.normal(size=3)
         axis /= np.linalg.norm(axis)
         kinds = (
-            pin.JointModelRX(), pin.JointModelRY(), pin.JointModelRZ(), pin.JointModelPY(),
-            pin.JointModelRevoluteUnaligned(axis), pin.JointModelPrismaticUnaligned(axis),
-        )  # fmt: skip
+            pin.JointModelRX(),
+            pin.JointModelRY(),
+            pin.JointModelRZ(),
+            pin.JointModelPY(),
+            pin.JointModelRevoluteUnaligned(axis),
+            pin.JointModelPrismaticUnaligned(axis),
+        )
         parent = int(rng.integers(0, model.njoints))
         model.addJoint(parent, kinds[rng.integers(6)], pin.SE3.Random(), f"joint_{i}")
     return model
@@ -43,9 +47,15 @@ def test_poses_and_point_gradients_match_pinocchio() -> None:
             expected = normal @ (jacobian[:3] - pin.skew(arm) @ jacobian[3:])
             found = np.zeros(model.nv)
             point_gradient(
-                out, chain.info, chain.above, j, *(data.oMi[j].translation + arm), *normal, 2.0,
+                out,
+                chain.info,
+                chain.above,
+                j,
+                *(data.oMi[j].translation + arm),
+                *normal,
+                2.0,
                 found,
-            )  # fmt: skip
+            )
             assert np.allclose(found, 2 * expected, atol=1e-10)
 
 

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dmoc.errors import DmocError
-from planning.mesh_file import write_binary_stl
-from planning.mesh_gate import is_watertight, load_mesh
+from planning.geometry.mesh import is_watertight, load_mesh
+from planning.geometry.mesh_file import write_binary_stl
 
 BOX = trimesh.creation.box((0.4, 0.6, 0.8))
 
@@ -109,8 +109,11 @@ def test_places(tmp_path):
 )
 def test_mutated_files_never_raise_anything_else(tmp_path, data):
     kind = data.draw(st.sampled_from(["stl", "stl_ascii", "obj", "ply", "glb"]))
-    content = bytearray(BOX.export(file_type=kind), "utf-8") if kind in (
-        "stl_ascii", "obj") else bytearray(BOX.export(file_type=kind))  # fmt: skip
+    content = (
+        bytearray(BOX.export(file_type=kind), "utf-8")
+        if kind in ("stl_ascii", "obj")
+        else bytearray(BOX.export(file_type=kind))
+    )
     start = data.draw(st.integers(0, len(content) - 1))
     size = data.draw(st.integers(0, 30))
     content[start : start + size] = data.draw(st.binary(max_size=30))

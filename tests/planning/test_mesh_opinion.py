@@ -4,10 +4,10 @@ import numpy as np
 import trimesh
 from scenes import random_q
 
-from dmoc.robot import load_robot
-from planning.mesh_opinion import MeshOpinion
-from planning.shapes import Body, Shape, pose_matrix
-from planning.world import world_for
+from dmoc.robot.robot import load_robot
+from planning.collision.mesh_opinion import MeshOpinion
+from planning.collision.world import world_for
+from planning.geometry.shapes import Body, Shape, pose_matrix
 
 ROBOT = load_robot("ur10e_class")
 
@@ -17,8 +17,12 @@ def ball(name: str, scale: float) -> Body:
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=0.2)
     vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
     piece = Shape("convex", vertices_m=vertices * scale)
-    return Body(name, (piece,), Shape("mesh", vertices_m=vertices, faces=faces),
-                pose_matrix((0.6, 0.2, 0.5)))  # fmt: skip
+    return Body(
+        name,
+        (piece,),
+        Shape("mesh", vertices_m=vertices, faces=faces),
+        pose_matrix((0.6, 0.2, 0.5)),
+    )
 
 
 def test_covering_pieces_are_never_farther_than_the_mesh() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planning.station import demo_station
-from planning.world import CollisionWorld
+from planning.collision.world import CollisionWorld
+from planning.station.build import demo_station
 
 
 def test_rows_are_the_same_after_other_queries() -> None:

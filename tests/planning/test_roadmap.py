@@ -3,11 +3,11 @@
 import numpy as np
 from scenes import box, clutter, random_q, snake
 
-from dmoc.robot import load_robot
-from dmoc.status import Status
-from planning.certificate import prove_path
-from planning.roadmap import plan_path
-from planning.world import world_for
+from dmoc.motion.status import Status
+from dmoc.robot.robot import load_robot
+from planning.collision.certificate import prove_path
+from planning.collision.world import world_for
+from planning.path.rrt_connect import plan_path
 
 ROBOT = load_robot("ur10e_class")
 
@@ -27,10 +27,12 @@ def test_paths_are_proven_and_end_where_they_should() -> None:
         assert np.array_equal(result.path.q_rad[-1], b)
         assert prove_path(world.clearance(), result.path.q_rad)
         bent += len(result.path.q_rad) > 2
-        fine = np.concatenate([
-            p + np.linspace(0, 1, 200)[:, None] * (q - p)
-            for p, q in zip(result.path.q_rad, result.path.q_rad[1:])
-        ])  # fmt: skip
+        fine = np.concatenate(
+            [
+                p + np.linspace(0, 1, 200)[:, None] * (q - p)
+                for p, q in zip(result.path.q_rad, result.path.q_rad[1:])
+            ]
+        )
         assert not world.collide_batch(fine).any()
         assert np.all(fine >= ROBOT.q_lower_rad - 1e-12)
         assert np.all(fine <= ROBOT.q_upper_rad + 1e-12)

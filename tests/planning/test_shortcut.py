@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from planning.shortcut import shortcut
+from planning.path.rrt_connect import shortcut
 
 
 def outside_disc(p: np.ndarray, q: np.ndarray) -> bool:

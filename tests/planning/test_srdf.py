@@ -7,9 +7,9 @@ from test_station import SMALL, write
 from test_world import GUN, ROBOT
 
 from dmoc.errors import InputError
-from planning.srdf import read_srdf
-from planning.station import load_station
-from planning.world import CollisionWorld, world_for
+from planning.collision.world import CollisionWorld, world_for
+from planning.station.build import load_station
+from planning.station.srdf import read_srdf
 
 NAMES = {"base", "arm", "wrist", "table"}
 LINKS = {"base", "arm", "wrist"}
@@ -43,13 +43,16 @@ def test_pairs_defaults_and_exceptions(tmp_path):
         ("<disable_collisions link1='arm' link2='arm'/>", "robot", {"srdf-pair"}),
         ("<enable_collisions link1='moon' link2='arm'/>", "robot", {"srdf-link"}),
         ("<disable_default_collisions link='moon'/>", "robot", {"srdf-link"}),
-        ("<disable_collisions link1='arm' link2='arm'/><disable_collisions link1='a'/>", "robot",
-         {"srdf-pair", "srdf-link"}),
+        (
+            "<disable_collisions link1='arm' link2='arm'/><disable_collisions link1='a'/>",
+            "robot",
+            {"srdf-pair", "srdf-link"},
+        ),
         ("", "sdf", {"srdf-root"}),
         ("<broken", "robot", {"srdf-syntax"}),
         ("</robot><!DOCTYPE x []><robot>", "robot", {"srdf-syntax"}),
     ],
-)  # fmt: skip
+)
 def test_faults_name_file_line_and_legal_names(tmp_path, body, root, codes):
     path = srdf(tmp_path, body, root)
     with pytest.raises(InputError) as caught:

@@ -12,11 +12,11 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from authoring.stations.generate import write_stations
 from dmoc.errors import InputError
-from planning.station import available_stations, demo_station, load_station
-from planning.station_file import station_schema
-from planning.stations.generate import write_stations
-from planning.world import CollisionWorld
+from planning.collision.world import CollisionWorld
+from planning.station.build import available_stations, demo_station, load_station
+from planning.station.schema import station_schema
 
 ROOT = Path(__file__).parents[2]
 SMALL = """\
@@ -53,9 +53,14 @@ def faults_of(path):
 
 @pytest.mark.parametrize(
     ("name", "studs"),
-    [("stud_welding_a", 20), ("stud_welding_a_8", 8), ("stud_welding_b", 20),
-     ("stud_welding_c", 20), ("stud_welding_a_heavy", 20)],
-)  # fmt: skip
+    [
+        ("stud_welding_a", 20),
+        ("stud_welding_a_8", 8),
+        ("stud_welding_b", 20),
+        ("stud_welding_c", 20),
+        ("stud_welding_a_heavy", 20),
+    ],
+)
 def test_stations_of_the_package(name, studs):
     station = demo_station(name)
     assert len(station.studs) == studs
@@ -132,11 +137,17 @@ BAD = {
     "two robots": ("{model: ur10e_class}", "{model: ur10e_class, urdf: a.urdf}", "robot-choice"),
     "urdf outside": ("{model: ur10e_class}", "{urdf: ../a.urdf}", "path-outside"),
     "urdf missing": ("{model: ur10e_class}", "{urdf: a.urdf}", "robot-missing"),
-    "wide limits": ("{model: ur10e_class}",
-                    "{model: ur10e_class, q_upper_rad: [9, 1, 1, 1, 1, 1]}", "limit-range"),
-    "inverted limits": ("{model: ur10e_class}",
-                        "{model: ur10e_class, q_upper_rad: [-6.28, -6.29, 1, 1, 1, 1],"
-                        " q_lower_rad: [-6, -6, 0, 0, 0, 0]}", "limit-inverted"),
+    "wide limits": (
+        "{model: ur10e_class}",
+        "{model: ur10e_class, q_upper_rad: [9, 1, 1, 1, 1, 1]}",
+        "limit-range",
+    ),
+    "inverted limits": (
+        "{model: ur10e_class}",
+        "{model: ur10e_class, q_upper_rad: [-6.28, -6.29, 1, 1, 1, 1],"
+        " q_lower_rad: [-6, -6, 0, 0, 0, 0]}",
+        "limit-inverted",
+    ),
     "mesh without unit": ("box_m: [1, 1, 0.1]", "mesh: a.stl", "unit-missing"),
     "mesh missing": ("box_m: [1, 1, 0.1]", "mesh: a.stl, unit: m", "mesh-missing"),
     "mesh outside": ("box_m: [1, 1, 0.1]", "mesh: ../a.stl, unit: m", "path-outside"),
@@ -161,24 +172,39 @@ BAD = {
     "spin": ("studs: studs.csv", "studs: studs.csv\nspin_steps: 0", "value-range"),
     "clearance": ("studs: studs.csv", "studs: studs.csv\nclearance_m: 20", "value-range"),
     "cost": ("studs: studs.csv", "studs: studs.csv\ncost: {time: -1}", "value-range"),
-    "cost without time": ("studs: studs.csv", "studs: studs.csv\ncost: {time: 0, effort: 0}",
-                          "cost-zero"),
-    "cost out of all bounds": ("studs: studs.csv", "studs: studs.csv\ncost: {time: 1.0e+300}",
-                               "value-range"),
+    "cost without time": (
+        "studs: studs.csv",
+        "studs: studs.csv\ncost: {time: 0, effort: 0}",
+        "cost-zero",
+    ),
+    "cost out of all bounds": (
+        "studs: studs.csv",
+        "studs: studs.csv\ncost: {time: 1.0e+300}",
+        "value-range",
+    ),
     "no tool solid": (SMALL[SMALL.index("  shapes:") : SMALL.index("  tip:")], "", "tool-shape"),
-    "departure": ("studs: studs.csv", "studs: studs.csv\ndeparture: {direction: [0, 0, 0]}",
-                  "vector-zero"),
+    "departure": (
+        "studs: studs.csv",
+        "studs: studs.csv\ndeparture: {direction: [0, 0, 0]}",
+        "vector-zero",
+    ),
     "precedence": ("studs: studs.csv", "studs: studs.csv\nprecedence: [[a, z]]", "name-unknown"),
-    "circle": ("studs: studs.csv", "studs: studs.csv\nprecedence: [[a, b], [b, a]]",
-               "precedence-cycle"),
-    "allowed": ("studs: studs.csv", "studs: studs.csv\nallowed_collisions: [[tip, moon]]",
-                "name-unknown"),
+    "circle": (
+        "studs: studs.csv",
+        "studs: studs.csv\nprecedence: [[a, b], [b, a]]",
+        "precedence-cycle",
+    ),
+    "allowed": (
+        "studs: studs.csv",
+        "studs: studs.csv\nallowed_collisions: [[tip, moon]]",
+        "name-unknown",
+    ),
     "anchor": ("name: small", "name: &n small", "yaml-anchor"),
     "duplicate": ("name: small", "name: small\nname: big", "yaml-duplicate"),
     "syntax": ("obstacles:", "obstacles: [", "yaml-syntax"),
     "tag": ("name: small", "name: !!python/object:os.system small", "yaml-syntax"),
     "deep": ("name: small", "name: " + "[" * 200 + "]" * 200, "yaml-depth"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -217,12 +243,17 @@ def test_all_faults_at_once_with_lines_and_fields(tmp_path):
         (STUDS.replace(",", ";"), "csv-separator"),
         (STUDS.replace("\na,", '\n"a\n1",'), "stud-value"),
         ("id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,on\na,0.6,0,0.15,0,0,1,1,moon\n", "stud-on"),
-        ("id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,depart_x,depart_y,depart_z\n"
-         "a,0.6,0,0.15,0,0,1,1,0,0,-1\n", "stud-departure"),
-        ("id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,spin_free\na,0.6,0,0.15,0,0,1,1,perhaps\n",
-         "stud-value"),
+        (
+            "id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,depart_x,depart_y,depart_z\n"
+            "a,0.6,0,0.15,0,0,1,1,0,0,-1\n",
+            "stud-departure",
+        ),
+        (
+            "id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,spin_free\na,0.6,0,0.15,0,0,1,1,perhaps\n",
+            "stud-value",
+        ),
     ],
-)  # fmt: skip
+)
 def test_bad_studs_are_named(tmp_path, studs, code):
     assert code in faults_of(write(tmp_path, studs=studs))
 
@@ -264,9 +295,26 @@ def test_mutated_files_never_raise_anything_else(tmp_path, data):
     text = texts[which]
     start = data.draw(st.integers(0, len(text) - 1))
     size = data.draw(st.integers(0, 40))
-    new = data.draw(st.sampled_from(
-        ["", "nan", "-1", "1e999", '"', "{", "]", ": ", "\n", "- ", "null", "\x00", "ü", "9" * 5000]
-    ))  # fmt: skip
+    new = data.draw(
+        st.sampled_from(
+            [
+                "",
+                "nan",
+                "-1",
+                "1e999",
+                '"',
+                "{",
+                "]",
+                ": ",
+                "\n",
+                "- ",
+                "null",
+                "\x00",
+                "ü",
+                "9" * 5000,
+            ]
+        )
+    )
     texts[which] = text[:start] + new + text[start + size :]
     path = write(tmp_path, *texts)
     try:

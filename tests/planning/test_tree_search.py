@@ -7,13 +7,13 @@ import pytest
 from scenes import box, clutter, random_q, snake
 
 from dmoc.errors import ProblemError
-from dmoc.robot import load_robot
-from dmoc.status import Status
-from planning import roadmap
-from planning.kernels.segment import segment_contact
-from planning.roadmap import PLANNERS, RANGE_M, plan_path
-from planning.tree_search import tree_path
-from planning.world import world_for
+from dmoc.motion.status import Status
+from dmoc.robot.robot import load_robot
+from planning.collision.kernels.segment import segment_contact
+from planning.collision.world import world_for
+from planning.path import rrt_connect as roadmap
+from planning.path.rrt_connect import PLANNERS, RANGE_M, plan_path
+from planning.path.tree_search import tree_path
 
 ROBOT = load_robot("ur10e_class")
 STEP_M = 0.05
@@ -85,9 +85,12 @@ def test_trees_meet_in_a_free_path_within_the_limits(scene):
     bent = 0
     for k in range(10):
         settings = {
-            "limits": (ROBOT.q_lower_rad, ROBOT.q_upper_rad), "scale": scene.lever_m,
-            "reach_m": RANGE_M, "seed": k, "max_iterations": 3000,
-        }  # fmt: skip
+            "limits": (ROBOT.q_lower_rad, ROBOT.q_upper_rad),
+            "scale": scene.lever_m,
+            "reach_m": RANGE_M,
+            "seed": k,
+            "max_iterations": 3000,
+        }
         found = tree_path(scan, q[2 * k], q[2 * k + 1], **settings)
         path = found.q_rad
         assert np.array_equal(path[[0, -1]], q[2 * k : 2 * k + 2])

@@ -5,8 +5,8 @@ import pytest
 from scenes import clutter, random_q
 from test_world import GUN, ROBOT
 
-from planning.warm_up import warm_up
-from planning.world import world_for
+from planning.collision.warming import warm_up
+from planning.collision.world import world_for
 
 
 @pytest.mark.parametrize("reverse", [False, True])

@@ -5,10 +5,10 @@ import pytest
 from scenes import box, clutter, random_q, snake
 
 from dmoc.errors import InputError, MeshError, ProblemError
-from dmoc.robot import load_robot
-from planning.departure_line import DepartureLine, line_stray_m
-from planning.shapes import Body, Shape, pose_matrix
-from planning.world import world_for
+from dmoc.robot.robot import load_robot
+from planning.collision.departure_line import DepartureLine, line_stray_m
+from planning.collision.world import world_for
+from planning.geometry.shapes import Body, Shape, pose_matrix
 
 ROBOT = load_robot("ur10e_class")
 GUN = (

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sequencing.gtsp import GtspProblem, solve
-from sequencing.gtsp.normal_form import normal_form
+from sequencing.gtsp.normalise import normal_form
 from tests.naive.gtsp import all_tours, brute_force, cost_of, random_problem
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -7,25 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmoc.cost import Cost
-from dmoc.motion import MotionProblem
-from dmoc.robot import load_robot
-from dmoc.running_cost import trajectory_cost
-from dmoc.solver import solve
-from dmoc.state import mass_matrices
-from dmoc.trajectory import inverse_dynamics
-from planning.alternatives_search import alternatives
-from planning.departure import best_departure, line_through
-from planning.station import demo_station
-from planning.world import CollisionWorld
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.trajectory import inverse_dynamics
+from dmoc.physics.running_cost import trajectory_cost
+from dmoc.physics.state import mass_matrices
+from dmoc.robot.robot import load_robot
+from dmoc.solving.solver import solve
+from planning.collision.world import CollisionWorld
+from planning.path.departure import best_departure, line_through
+from planning.station.build import demo_station
+from planning.welds.alternatives_search import alternatives
 from sequencing.bounds import power_bound, travel_bound
 from sequencing.bounds.curves import _least_form, leaving_curves, reach
 from sequencing.bounds.field import cell_grid, field_cells, lie_terms
 from sequencing.bounds.series import arm_series
 from sequencing.bounds.travel import SCALES
-from sequencing.edges import StationEdges
-from sequencing.nodes import station_nodes
-from sequencing.store import EdgeStore
+from sequencing.edges.nodes import station_nodes
+from sequencing.edges.oracle import StationEdges
+from sequencing.edges.store import EdgeStore
 from tests.naive.naive_bounds import reference_torque, relaxed_rate
 
 ROBOTS = ("ur10e_class", "irb6640_class")
@@ -171,8 +171,10 @@ def _never_above(count, thin, seed):
     for low, points in zip(bound, waypoints):
         problem = best_departure(
             MotionProblem(robot, points[0], points[3], cost),
-            line_through(points[:2]), line_through(points[3:1:-1]), 20,
-        ).problem  # fmt: skip
+            line_through(points[:2]),
+            line_through(points[3:1:-1]),
+            20,
+        ).problem
         for each in (problem, problem.replace(depart_rad=None, arrive_rad=None)):
             if each is not problem:
                 straight = points[None, [0, 3]]

@@ -16,18 +16,19 @@ import pinocchio as pin
 import pytest
 from mujoco_arm import mujoco_model
 
-from planning.alternatives_search import alternatives
-from planning.station import Station, demo_station
-from planning.world import CollisionWorld
+from planning.collision.world import CollisionWorld
+from planning.station.build import demo_station
+from planning.station.station import Station
+from planning.welds.alternatives_search import alternatives
 from sequencing import gtsp
-from sequencing.baseline import middle_place, undirected
-from sequencing.cycle import NoCycle, PlanStop, plan_station
+from sequencing.cycle.baseline import middle_place, undirected
+from sequencing.cycle.lazy import LazyStop, solve_lazily
+from sequencing.cycle.plan import NoCycle, PlanStop, plan_station
 from sequencing.cycle_types import Cycle
-from sequencing.edges import StationEdges
-from sequencing.lazy import LazyStop, solve_lazily
-from sequencing.nodes import station_nodes
-from sequencing.run_files import write_run
-from sequencing.store import EdgeStore
+from sequencing.edges.nodes import station_nodes
+from sequencing.edges.oracle import StationEdges
+from sequencing.edges.store import EdgeStore
+from sequencing.runs.folder import write_run
 
 STOP = PlanStop(training_edges=10, coverage_edges=6, baseline_draws=2)
 
@@ -191,9 +192,10 @@ def test_an_edited_stud_solves_its_own_travels_and_lists_what_was_reused(
     assert new >= len(reuse.solved) > 0
     others = {f"{stud.id}/" for stud in station.studs[1:]} | {"home"}
     untouched = [
-        pair for pair in (*reuse.reused, *reuse.solved)
+        pair
+        for pair in (*reuse.reused, *reuse.solved)
         if all(end == "home" or f"{end.split('/')[0]}/" in others for end in pair)
-    ]  # fmt: skip
+    ]
     # The draw of edges does not move with the edit, so those between the others were solved before
     # unless the search, with other costs, asks for one more.
     assert len(set(untouched) & set(reuse.reused)) >= 0.7 * len(untouched)
@@ -230,9 +232,13 @@ def test_lazy_is_exact_at_full_size(studs, most, tmp_path) -> None:
         oracle.train(60, 60)
         factors, _ = oracle.floor_factors(0.01)
         lazy = solve_lazily(
-            base, oracle, LazyStop(0.0, "conditional"), symmetric=True,
-            known=dict(oracle.costs), factor=factors,
-        )  # fmt: skip
+            base,
+            oracle,
+            LazyStop(0.0, "conditional"),
+            symmetric=True,
+            known=dict(oracle.costs),
+            factor=factors,
+        )
         table = np.full((nodes.num_nodes,) * 2, np.inf)
         pairs = nodes.usable_pairs()
         table[pairs[:, 0], pairs[:, 1]] = oracle.evaluate(pairs)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dmoc.cost import Cost
-from dmoc.motion import MotionProblem
-from dmoc.robot import load_robot
-from dmoc.solver import solve
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import MotionProblem
+from dmoc.robot.robot import load_robot
+from dmoc.solving.solver import solve
 from sequencing.bounds import power_bound
 from sequencing.bounds.curves import shortest_time
-from sequencing.estimates import straight_line
-from sequencing.learned import fit_estimate
+from sequencing.edges.estimates import straight_line
+from sequencing.edges.learned import fit_estimate
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +60,13 @@ def test_shortest_time_is_reached_by_a_trapezoid(robot) -> None:
     v, a = robot.velocity_limit_rad_s, robot.acceleration_limit_rad_s2
     for way in (0.01, 0.3, 3.0):
         time = shortest_time(robot, np.full((1, 6), way))[0]
-        covered = np.array([
-            2 * np.trapezoid(np.minimum(a[j] * (t := np.linspace(0, time / 2, 20_001)), v[j]), t)
-            for j in range(6)
-        ])  # fmt: skip
+        covered = np.array(
+            [
+                2
+                * np.trapezoid(np.minimum(a[j] * (t := np.linspace(0, time / 2, 20_001)), v[j]), t)
+                for j in range(6)
+            ]
+        )
         assert covered.min() == pytest.approx(way, rel=1e-6)
 
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from sample_cycle import quintic, sample_cycle
 
-from dmoc.cost import Cost
 from dmoc.errors import InputError
-from dmoc.motion import Motion
-from dmoc.status import Status
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.cost import Cost
+from dmoc.motion.motion import Motion
+from dmoc.motion.status import Status
+from dmoc.motion.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion
 from sequencing.export.exporting import EXPORT_FORMATS, export_run
 from sequencing.export.readers import read_krl, read_log, read_rapid, read_ros, read_urscript
-from sequencing.run_files import read_run, write_motions, write_run
+from sequencing.runs.folder import read_run, write_motions, write_run
 
 
 def run_of(folder, cycle):
@@ -180,10 +180,15 @@ def test_trajectories_without_a_station_are_exported_too(tmp_path):
     away, back = np.zeros(6), np.full(6, 0.3)
     curves = [quintic(robot, away, back), quintic(robot, back, away)]
     motions = [
-        CycleMotion(f"m{k:03d}", "here", "there", "travel",
-                    Motion(Status.CONVERGED, "refined", curve.on(None), cost=float(k)))
+        CycleMotion(
+            f"m{k:03d}",
+            "here",
+            "there",
+            "travel",
+            Motion(Status.CONVERGED, "refined", curve.on(None), cost=float(k)),
+        )
         for k, curve in enumerate(curves)
-    ]  # fmt: skip
+    ]
     run = write_motions("ur3 study", robot, motions, Cost(), tmp_path, seed=0)
     (path,) = export_run(run, "urscript", tmp_path).files
     assert path.name == "ur3_study.script"

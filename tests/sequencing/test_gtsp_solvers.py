@@ -11,17 +11,11 @@ import pytest
 
 from benchmarks import station_like
 from dmoc.errors import ProblemError
-from sequencing.gtsp import (
-    GtspProblem,
-    Stop,
-    held_karp_memory_bytes,
-    memetic,
-    run_gtsp_file,
-    solve,
-)
-from sequencing.gtsp.bounded_dp import bounded_dp
-from sequencing.gtsp.held_karp import held_karp
-from sequencing.gtsp.normal_form import normal_form
+from sequencing.gtsp import GtspProblem, Stop, held_karp_memory_bytes, run_gtsp_file, solve
+from sequencing.gtsp import evolution as memetic
+from sequencing.gtsp.bounded import bounded_dp
+from sequencing.gtsp.held_karp_table import held_karp
+from sequencing.gtsp.normalise import normal_form
 from tests.naive.gtsp import brute_force, cost_of, random_problem
 
 DATA = Path(os.environ.get("DMOC_DATA", Path(__file__).parents[3] / "shared" / "data")) / "gtsplib"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dmoc.errors import ProblemError
+from sequencing.cycle.lazy import LazyStop, solve_lazily
+from sequencing.cycle.lazy_costs import usable_travels
 from sequencing.gtsp import GtspProblem, Stop, solve
-from sequencing.lazy import LazyStop, solve_lazily
-from sequencing.lazy_costs import usable_travels
 from tests.naive.gtsp import all_tours, random_problem
 
 
@@ -154,9 +154,12 @@ def test_bounds_that_are_not_strict_prove_nothing():
     assert all(row.lower_bound == -math.inf for row in result.rounds)
     # factor × estimate is below every true cost here, so what was found is the optimum
     low = solve_lazily(
-        oracle.problem, KnownMatrix(6, 4, 1.5, 7), LazyStop(kind="conditional"),
-        strict=False, factor=0.9,
-    )  # fmt: skip
+        oracle.problem,
+        KnownMatrix(6, 4, 1.5, 7),
+        LazyStop(kind="conditional"),
+        strict=False,
+        factor=0.9,
+    )
     assert low.tour.cost == pytest.approx(optimum(oracle, oracle.problem))
     assert low.conditional_gap <= 1e-6
 
@@ -168,10 +171,13 @@ def test_condition_refuted_by_an_evaluation_is_not_kept():
     result = solve_lazily(problem, oracle, LazyStop(kind="conditional"), strict=False, factor=1.4)
     # the bound holds for the costs as they stand: evaluated ones true, others factor × estimate
     mixed = np.where(
-        np.isin(np.arange(oracle.true.size).reshape(oracle.true.shape),
-                [u * len(oracle.true) + v for u, v in result.known]),
-        oracle.true, 1.4 * oracle.guess,
-    )  # fmt: skip
+        np.isin(
+            np.arange(oracle.true.size).reshape(oracle.true.shape),
+            [u * len(oracle.true) + v for u, v in result.known],
+        ),
+        oracle.true,
+        1.4 * oracle.guess,
+    )
     assert (
         result.conditional_bound <= solve(problem.replace(cost=mixed), method="exact").cost + 1e-6
     )

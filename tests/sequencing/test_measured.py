@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmoc.bezier_problem import BezierProblem
-from dmoc.cost import ElectricalCost
 from dmoc.errors import InputError
-from dmoc.motion import Motion
-from dmoc.robot import Robot, Tool, load_robot
-from dmoc.status import Status
-from dmoc.trajectory import JointTrajectory
+from dmoc.motion.cost import ElectricalCost
+from dmoc.motion.motion import Motion
+from dmoc.motion.status import Status
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.robot.robot import Robot, Tool, load_robot
 from sequencing.cycle_types import CycleMotion
 from sequencing.export.exporting import export_run
-from sequencing.measured import measured_against_plan
-from sequencing.measured_log import read_controller_log
 from sequencing.report.measured_tables import measured_markdown
-from sequencing.run_files import Run, write_motions
+from sequencing.runs.folder import Run, write_motions
+from sequencing.runs.measured import measured_against_plan
+from sequencing.runs.measured_log import read_controller_log
+from studies.ur3.bezier_problem import BezierProblem
 
 DATA = Path(os.environ.get("DMOC_DATA", Path(__file__).parents[3] / "shared" / "data"))
 START = np.deg2rad([-45.0, -75, 95, -110, -90, 0])
@@ -61,9 +61,13 @@ def test_shift_and_error_of_a_doctored_log_are_found(run_dir: Path, tmp_path: Pa
     t = np.concatenate([np.arange(0, late, 0.008), late + record.t_s])
     q = np.vstack([np.tile(record.q_rad[0], (len(t) - len(record.t_s), 1)), record.q_rad])
     q[200:, 2] += 0.01
-    header = ["timestamp", *(f"actual_q_{j}" for j in range(6)),
-              *(f"actual_current_{j}" for j in range(6)),
-              "actual_robot_voltage", "actual_robot_current"]  # fmt: skip
+    header = [
+        "timestamp",
+        *(f"actual_q_{j}" for j in range(6)),
+        *(f"actual_current_{j}" for j in range(6)),
+        "actual_robot_voltage",
+        "actual_robot_current",
+    ]
     body = np.column_stack([100.0 + t, q, np.full((len(t), 6), 0.5), np.full((len(t), 2), 2.0)])
     text = "\r".join([",".join(header), *(",".join(map(repr, row)) for row in body.tolist())])
     path = tmp_path / "log.csv"
@@ -81,10 +85,14 @@ def test_shift_and_error_of_a_doctored_log_are_found(run_dir: Path, tmp_path: Pa
 
 @pytest.mark.parametrize(
     ("text", "code"),
-    [("a,b\n1,2\n", "log-columns"), ("timestamp,actual_q_0\n0,x\n", "log-value"),
-     ("timestamp,actual_q_0\n0,1\n1,1\n", "log-samples"),
-     ("timestamp,actual_q_0\n0,1\n2,1\n1,1\n3,1\n4,1\n", "log-time"), ("", "log-columns")],
-)  # fmt: skip
+    [
+        ("a,b\n1,2\n", "log-columns"),
+        ("timestamp,actual_q_0\n0,x\n", "log-value"),
+        ("timestamp,actual_q_0\n0,1\n1,1\n", "log-samples"),
+        ("timestamp,actual_q_0\n0,1\n2,1\n1,1\n3,1\n4,1\n", "log-time"),
+        ("", "log-columns"),
+    ],
+)
 def test_bad_logs_are_named(text: str, code: str, tmp_path: Path, run_dir: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(text)
@@ -118,9 +126,9 @@ def test_real_recording_against_a_plan_made_of_its_targets(tmp_path: Path) -> No
         return np.array([[float(row[k]) for k in index] for row in rows])
 
     tool = Tool(1.07, np.array([0.0, 0.0, 0.058]))
-    robot = load_robot("ur3e_class").with_tool(tool).with_limits(
-        q_lower_rad=-20.0, q_upper_rad=20.0
-    )  # fmt: skip
+    robot = (
+        load_robot("ur3e_class").with_tool(tool).with_limits(q_lower_rad=-20.0, q_upper_rad=20.0)
+    )
     torque = np.zeros((len(rows) - 1, 6))
     plan = JointTrajectory(record.t_s, column("target_q"), column("target_qd"), torque, robot)
     one_motion("L3L4", plan, robot, 0.0, tmp_path)

@@ -9,9 +9,15 @@ import pytest
 
 from dmoc.errors import ProblemError
 from planning import demo_station
-from planning.alternatives_search import alternatives
-from planning.station import Station
-from sequencing.placement import Place, grid_of_places, judge_place, moved_station, place_station
+from planning.station.station import Station
+from planning.welds.alternatives_search import alternatives
+from sequencing.cycle.placement import (
+    Place,
+    grid_of_places,
+    judge_place,
+    moved_station,
+    place_station,
+)
 from sequencing.report.placement_report import base_block, placement_markdown, placement_png
 
 

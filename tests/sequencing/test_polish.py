@@ -7,25 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dmoc.motion import MotionProblem
-from dmoc.nlp import solve_nlp
-from dmoc.nlp_types import Guess
-from dmoc.solver import motion_from_solution, solve
-from planning.alternative import departure_knots
-from planning.alternatives_search import alternatives, weld_cost
-from planning.chain import chain_of
-from planning.departure import MOST_OF_TWENTY, with_departure
-from planning.station import demo_station
-from planning.world import CollisionWorld
-from sequencing.cycle import PlanStop, plan_station
-from sequencing.polish import _batches
-from sequencing.polish_spin import (
-    admissible,
-    end_gradient,
-    line_problem,
-    spin_slope,
-    spun,
-)
+from dmoc.motion.motion import MotionProblem
+from dmoc.programme.types import Guess
+from dmoc.solving.nlp import solve_nlp
+from dmoc.solving.solver import motion_from_solution, solve
+from planning.arm.screws import chain_of
+from planning.collision.world import CollisionWorld
+from planning.path.departure import MOST_OF_TWENTY, with_departure
+from planning.station.build import demo_station
+from planning.welds.alternatives_search import alternatives, weld_cost
+from planning.welds.poses import departure_knots
+from sequencing.cycle.plan import PlanStop, plan_station
+from sequencing.cycle.polish import _batches
+from sequencing.cycle.spin import admissible, end_gradient, line_problem, spin_slope, spun
 
 STOP = PlanStop(training_edges=6, coverage_edges=2, baseline_draws=1)
 

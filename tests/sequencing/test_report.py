@@ -14,12 +14,12 @@ from sample_cycle import sample_cycle
 from sequencing.report.curves import curves_png, plot_cycle
 from sequencing.report.html import report_html, write_report
 from sequencing.report.markup import markdown_html
-from sequencing.report.paper import paper_tables
 from sequencing.report.progress import ProgressText, plan_progress
-from sequencing.report.tables import tables_markdown
-from sequencing.run_files import read_run, write_run
-from sequencing.run_result import result_of
-from sequencing.run_timeline import timeline
+from sequencing.runs.clock import timeline
+from sequencing.runs.folder import read_run, write_run
+from sequencing.runs.result import result_of
+from sequencing.runs.tables import tables_markdown
+from studies.stud_welding.paper import paper_tables
 
 
 @pytest.fixture(scope="module")
@@ -98,9 +98,10 @@ def test_the_curves_are_shares_of_the_limits_with_the_welds_shaded(cycle):
     curve = velocity.lines[0]
     names = [item.get_label() for item in velocity.lines[:6]]
     assert names == list(robot.model.names)[1:]
-    peak = max(
-        np.max(np.abs(m.motion.trajectory.velocity_rad_s[:, 0])) for m in cycle.motions
-    ) / robot.velocity_limit_rad_s[0]  # fmt: skip
+    peak = (
+        max(np.max(np.abs(m.motion.trajectory.velocity_rad_s[:, 0])) for m in cycle.motions)
+        / robot.velocity_limit_rad_s[0]
+    )
     assert np.max(np.abs(curve.get_ydata())) == pytest.approx(peak, rel=0.02)
     assert torque.get_ylim()[1] >= 1.0
 

@@ -9,21 +9,20 @@ import numpy as np
 import pytest
 from sample_cycle import quintic, sample_cycle
 
-from dmoc.cost import Cost, ElectricalCost
 from dmoc.errors import InputError
-from dmoc.motion import Motion
-from dmoc.robot import load_robot
-from dmoc.status import Status
+from dmoc.motion.cost import Cost, ElectricalCost
+from dmoc.motion.motion import Motion
+from dmoc.motion.status import Status
+from dmoc.robot.robot import load_robot
 from sequencing.commands.console import Console
 from sequencing.commands.runs import run_compare, run_view
 from sequencing.commands.solve import run_solve
 from sequencing.cycle_types import CycleMotion
-from sequencing.run_archive import json_text, npz_bytes, write_atomic
-from sequencing.run_compare import compare_runs, comparison_text
-from sequencing.run_files import read_run, write_motions, write_run
-from sequencing.run_shares import cost_shares
-from sequencing.run_station import station_of
-from sequencing.run_timeline import timeline
+from sequencing.runs.archive import json_text, npz_bytes, write_atomic
+from sequencing.runs.clock import timeline
+from sequencing.runs.compare import compare_runs, comparison_text
+from sequencing.runs.folder import read_run, station_of, write_motions, write_run
+from sequencing.runs.result import cost_shares
 
 
 def written(tmp_path, cycle=None, name="run"):
@@ -39,8 +38,11 @@ def test_a_run_is_read_back_exactly(tmp_path):
     assert run.robot.fingerprint == cycle.station.robot.fingerprint
     for before, after in zip(cycle.motions, run.motions, strict=True):
         assert (before.key, before.origin, before.target, before.kind) == (
-            after.key, after.origin, after.target, after.kind,
-        )  # fmt: skip
+            after.key,
+            after.origin,
+            after.target,
+            after.kind,
+        )
         for field in ("t_s", "q_rad", "velocity_rad_s", "torque_nm"):
             assert np.array_equal(
                 getattr(before.motion.trajectory, field), getattr(after.motion.trajectory, field)
@@ -54,8 +56,18 @@ def test_a_run_is_read_back_exactly(tmp_path):
 def test_the_contract_of_result_json(tmp_path):
     folder = written(tmp_path)
     result = json.loads((folder / "result.json").read_text())
-    keys = {"key", "from", "to", "kind", "status", "source", "certified", "min_clearance_m",
-            "cost", "duration_s"}  # fmt: skip
+    keys = {
+        "key",
+        "from",
+        "to",
+        "kind",
+        "status",
+        "source",
+        "certified",
+        "min_clearance_m",
+        "cost",
+        "duration_s",
+    }
     assert all(keys <= set(item) for item in result["motions"])
     assert all(
         {"stud", "alternative", "q_rad", "cost", "time_s"} <= set(w) for w in result["welds"]
@@ -107,8 +119,11 @@ def test_an_older_run_leaves_no_motion_behind(tmp_path):
     (folder / "motions" / "notes.csv").write_text("mine")
     written(tmp_path, sample_cycle(order=("S3", "S1")))
     assert sorted(p.name for p in (folder / "motions").iterdir()) == [
-        "m000_home_S3.csv", "m001_S3_S1.csv", "m002_S1_home.csv", "notes.csv",
-    ]  # fmt: skip
+        "m000_home_S3.csv",
+        "m001_S3_S1.csv",
+        "m002_S1_home.csv",
+        "notes.csv",
+    ]
     assert len(read_run(folder).motions) == 3
 
 
@@ -210,8 +225,12 @@ def test_comparing_runs_names_what_differs(tmp_path):
     cycle = sample_cycle()
     first = read_run(written(tmp_path, cycle, "a"))
     assert compare_runs(first, first)["identical"] is True
-    slower = quintic(cycle.station.robot, cycle.motions[1].motion.trajectory.q_rad[0],
-                     cycle.motions[1].motion.trajectory.q_rad[-1], duration_s=3.0)  # fmt: skip
+    slower = quintic(
+        cycle.station.robot,
+        cycle.motions[1].motion.trajectory.q_rad[0],
+        cycle.motions[1].motion.trajectory.q_rad[-1],
+        duration_s=3.0,
+    )
     changed = list(cycle.motions)
     changed[1] = replace(changed[1], motion=changed[1].motion.replace(trajectory=slower, cost=99.0))
     moved = replace(cycle.welds[0], alternative=4)
@@ -236,8 +255,17 @@ def test_a_station_that_is_gone_is_a_coded_error(tmp_path):
     assert caught.value.faults[0].code == "run-station"
 
 
-CYCLE_ONLY = ("method", "configurations", "unreachable", "clearance_m", "fallbacks", "search",
-              "tour", "tables", "polish")  # fmt: skip
+CYCLE_ONLY = (
+    "method",
+    "configurations",
+    "unreachable",
+    "clearance_m",
+    "fallbacks",
+    "search",
+    "tour",
+    "tables",
+    "polish",
+)
 
 
 @pytest.mark.parametrize("absent", [(), CYCLE_ONLY], ids=["now", "without their fields"])

@@ -14,11 +14,11 @@ import zstandard
 from chromium_shots import CHROMIUM, opened
 from sample_cycle import sample_cycle
 
-from planning.shapes import Body, Shape, pose_matrix
+from planning.geometry.shapes import Body, Shape, pose_matrix
 from sequencing.report.geometry import body_triangles, robot_triangles
 from sequencing.report.scene import order_colours, write_scene
 from sequencing.report.scene_frames import frame_times, joint_frames, tip_path
-from sequencing.run_timeline import timeline
+from sequencing.runs.clock import timeline
 
 SEEK = """(() => {
   const field = document.querySelector('input');

@@ -12,19 +12,21 @@ import time
 import numpy as np
 import pytest
 
-from dmoc.motion import Motion
-from dmoc.robot import load_robot
-from dmoc.status import Status
-from dmoc.trajectory import JointTrajectory
-from sequencing.store import EdgeStore, decode_motion, encode_motion
+from dmoc.motion.motion import Motion
+from dmoc.motion.status import Status
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.robot.robot import load_robot
+from sequencing.edges.store import EdgeStore, decode_motion, encode_motion
 
 
 def _motion() -> Motion:
     rng = np.random.default_rng(3)
     trajectory = JointTrajectory(
-        np.linspace(0.0, 1.0, 5), rng.normal(size=(5, 6)), rng.normal(size=(5, 6)),
+        np.linspace(0.0, 1.0, 5),
+        rng.normal(size=(5, 6)),
+        rng.normal(size=(5, 6)),
         rng.normal(size=(4, 6)),
-    )  # fmt: skip
+    )
     return Motion(
         Status.CONVERGED, "refined", trajectory, 12.5, 0.1, 17, 1e-9, 2e-3, 0.031, True, "note"
     )

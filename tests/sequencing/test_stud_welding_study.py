@@ -11,36 +11,33 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dmoc.cost import Cost
-from dmoc.drive import drive_from_mapping
-from dmoc.robot import load_robot
-from sequencing.commands.study import STATIONS as COMMAND_STATIONS
+from dmoc.motion.cost import Cost
+from dmoc.robot.drive import drive_from_mapping
+from dmoc.robot.robot import load_robot
 from sequencing.cycle_types import CycleCost
-from sequencing.nodes import StationNodes
-from sequencing.report.stud_welding_page import study_entry, write_study
-from sequencing.report.stud_welding_tables import stud_welding_markdown
-from sequencing.run_files import read_run, write_run
-from sequencing.store import EdgeStore
-from sequencing.studies.stud_welding import (
-    STATIONS,
-    Budget,
-    run_stud_welding_study,
-    study_station,
-)
-from sequencing.studies.stud_welding_changes import CHANGES, FEW_CHANGES, compare_orders
-from sequencing.studies.stud_welding_departure import CHOSEN
-from sequencing.studies.stud_welding_friction import friction_cost
-from sequencing.studies.stud_welding_model import Model, priced_nodes, scaled_masses
-from sequencing.studies.stud_welding_search import best_poses, best_sequence, from_home, sequence_by
-from sequencing.studies.stud_welding_shares import shapley, with_poses
-from sequencing.studies.stud_welding_trade_offs import mark_front
-from sequencing.studies.stud_welding_types import TradeOff, Use
-from sequencing.studies.stud_welding_weights import WeightEdges
+from sequencing.edges.nodes import StationNodes
+from sequencing.edges.store import EdgeStore
+from sequencing.runs.folder import read_run, write_run
+from studies.command import STATIONS as COMMAND_STATIONS
+from studies.stud_welding.changes import CHANGES, FEW_CHANGES, compare_orders
+from studies.stud_welding.departure import CHOSEN
+from studies.stud_welding.model import Model, priced_nodes, scaled_masses
+from studies.stud_welding.page import study_entry, write_study
+from studies.stud_welding.search import best_poses, best_sequence, from_home, sequence_by
+from studies.stud_welding.shares import shapley, with_poses
+from studies.stud_welding.study import STATIONS, Budget, run_stud_welding_study, study_station
+from studies.stud_welding.tables import stud_welding_markdown
+from studies.stud_welding.trade_offs import mark_front
+from studies.stud_welding.types import TradeOff, Use
+from studies.stud_welding.weights import WeightEdges, friction_cost
 
 BUDGET = Budget(
-    training_edges=8, coverage_edges=4, draws=2, edges_per_change=3,
+    training_edges=8,
+    coverage_edges=4,
+    draws=2,
+    edges_per_change=3,
     changes=("masses × 1.25", "time weight c_t × 10", "friction × 1"),
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
@@ -95,10 +92,15 @@ def fake_model(seed: int, clusters: int = 4, poses: int = 3, holes: float = 0.0)
     names = tuple("home" if v == size - 1 else f"S{labels[v]}" for v in range(size))
     weld = np.append(rng.uniform(0.0, 5.0, size - 1), 0.0)
     nodes = StationNodes(
-        q_rad=rng.random((size, 2)), line_end_rad=rng.random((size, 2)), weld_cost=weld,
-        cluster_of=labels, stud=names, alternative=np.arange(size), home=size - 1,
+        q_rad=rng.random((size, 2)),
+        line_end_rad=rng.random((size, 2)),
+        weld_cost=weld,
+        cluster_of=labels,
+        stud=names,
+        alternative=np.arange(size),
+        home=size - 1,
         studs=tuple(f"S{k}" for k in range(clusters)),
-    )  # fmt: skip
+    )
     station = SimpleNamespace(name="fake", precedence=())
     return Model("fake", station, nodes, FakeEdges(cost), cost.copy())  # type: ignore[arg-type]
 
@@ -167,8 +169,16 @@ def test_a_sequence_by_estimate_avoids_travels_without_motion() -> None:
 
 
 def test_shapley_parts_add_up_and_favour_none() -> None:
-    cost = {"": 100.0, "a": 90.0, "b": 80.0, "c": 99.0, "a+b": 60.0, "a+c": 85.0, "b+c": 80.0,
-            "a+b+c": 50.0}  # fmt: skip
+    cost = {
+        "": 100.0,
+        "a": 90.0,
+        "b": 80.0,
+        "c": 99.0,
+        "a+b": 60.0,
+        "a+c": 85.0,
+        "b+c": 80.0,
+        "a+b+c": 50.0,
+    }
     parts = shapley(("a", "b", "c"), cost)
     assert sum(parts.values()) == pytest.approx(50.0)
     # Mean over the six orders, by hand: b gives 20, 30, 20, 5, 30, 35 … on its places.
@@ -274,9 +284,11 @@ def test_a_nominal_motion_stays_where_it_is_cheaper_under_other_weights() -> Non
 
     def model(costs, motion, **weights):
         edges = SimpleNamespace(
-            seed=0, costs=costs, motions=lambda pairs: [motion] * len(pairs),
+            seed=0,
+            costs=costs,
+            motions=lambda pairs: [motion] * len(pairs),
             evaluate=lambda pairs: [costs[tuple(pair)] for pair in pairs.tolist()],
-        )  # fmt: skip
+        )
         return SimpleNamespace(edges=edges, station=SimpleNamespace(cost=Cost(**weights)))
 
     nominal = model({(0, 1): 10.0, (0, 2): 10.0, (1, 2): np.inf}, nominal_motion)

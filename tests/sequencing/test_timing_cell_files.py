@@ -8,11 +8,11 @@ import pytest
 
 import planning
 from dmoc.errors import InputError
-from dmoc.trajectory import JointTrajectory
-from sequencing.timing.cell import load_cell
-from sequencing.timing.path_power import path_torque_nm
-from sequencing.timing.prepared import prepare_cell
-from sequencing.timing.study import pallet_cell
+from dmoc.motion.trajectory import JointTrajectory
+from sequencing.timing.cell.read import load_cell
+from sequencing.timing.power.along_path import path_torque_nm
+from sequencing.timing.search.prepared import prepare_cell
+from studies.pallet_cell.study import pallet_cell
 
 AUTHORED = Path(planning.__file__).parent / "stations" / "pallet_cell"
 MOTIONS = pallet_cell().robots[0].trajectories[:2]
@@ -184,10 +184,11 @@ def test_archives_without_torques_and_tables_with_a_byte_order_mark_are_read(fol
 def test_loads_change_payload_and_wrench_of_the_trajectories_named(folder) -> None:
     plain = prepare_cell(load_cell(folder))
     edit(
-        folder, NORTH,
+        folder,
+        NORTH,
         NORTH + "\n    loads: [{trajectories: [0, 1], payload_kg: 10}, {trajectories: [1, 2], "
         "payload_kg: 60, force_n: [0, 0, -200], torque_nm: [5, 0, 0]}]",
-    )  # fmt: skip
+    )
     cell = load_cell(folder)
     north = cell.robots[0]
     assert [w is None for w in north.wrench] == [True, False, False]

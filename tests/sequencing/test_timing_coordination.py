@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmoc.robot import load_robot
-from dmoc.trapezoid import trapezoid_motion
-from planning.shapes import Body, Shape
-from sequencing.timing.arm_shapes import arm_shapes, coal_solid, joint_frames
-from sequencing.timing.cell import Cell, CellRobot
-from sequencing.timing.dc_link import LinkParams
-from sequencing.timing.prepared import Geometry
-from sequencing.timing.sampled_check import SampledCheck
-from sequencing.timing.segment_distance import segment_distance
-from sequencing.timing.swept import swept_path
-from sequencing.timing.verify import check_schedule
+from dmoc.curves.trapezoid import trapezoid_motion
+from dmoc.robot.robot import load_robot
+from planning.geometry.shapes import Body, Shape
+from sequencing.timing.cell.read import Cell, CellRobot
+from sequencing.timing.clearance.arms import arm_shapes, coal_solid, joint_frames
+from sequencing.timing.clearance.block_kernels import segment_distance
+from sequencing.timing.clearance.swept import swept_path
+from sequencing.timing.clearance.verify import check_schedule
+from sequencing.timing.power.dc_link import LinkParams
+from sequencing.timing.search.prepared import Geometry
+from studies.pallet_cell.sampled_check import SampledCheck
 
 LEFT = load_robot("ur10e_class")
 RIGHT = LEFT.with_base(pin.SE3(pin.utils.rotate("z", np.pi), np.array([1.7, 0.0, 0.0])))
@@ -65,9 +65,13 @@ def dense_free(cell: Cell, start, override, total_s: float, samples: int = 300) 
             for b in range(len(placed[1][0].joint)):
                 result.clear()
                 coal.collide(
-                    placed[0][0].solids[a], at(k, 0, a), placed[1][0].solids[b], at(k, 1, b),
-                    request, result,
-                )  # fmt: skip
+                    placed[0][0].solids[a],
+                    at(k, 0, a),
+                    placed[1][0].solids[b],
+                    at(k, 1, b),
+                    request,
+                    result,
+                )
                 if result.isCollision():
                     return False
     return True

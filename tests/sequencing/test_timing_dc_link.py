@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmoc.errors import InputError
-from sequencing.timing.dc_link import (
+from sequencing.timing.power.dc_link import (
     LinkParams,
     energy_price,
     simulate_clip,

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dmoc.curves.trapezoid import trapezoid_motion
 from dmoc.errors import InputError
-from dmoc.trapezoid import trapezoid_motion
 from planning import demo_station
-from sequencing.timing import run_robot
-from sequencing.timing.cell import load_cell
-from sequencing.timing.joined import write_joined_cell
-from sequencing.timing.schedule import schedule
-from sequencing.timing.verify import check_fixtures, check_schedule
+from sequencing.timing.cell import from_run as run_robot
+from sequencing.timing.cell.joined import write_joined_cell
+from sequencing.timing.cell.read import load_cell
+from sequencing.timing.clearance.verify import check_fixtures, check_schedule
+from sequencing.timing.scheduling import schedule
 
 
 def fake_run(station, stops, weld_s: float, name: str, fingerprint: str | None = None):
@@ -23,19 +23,25 @@ def fake_run(station, stops, weld_s: float, name: str, fingerprint: str | None =
     names = ["home", *[f"S{k:02d}" for k in range(len(stops) - 2)], "home"]
     motions = [
         SimpleNamespace(
-            origin=names[k], target=names[k + 1], kind="travel",
+            origin=names[k],
+            target=names[k + 1],
+            kind="travel",
             motion=SimpleNamespace(trajectory=trapezoid_motion(station.robot, a, b)),
         )
         for k, (a, b) in enumerate(itertools.pairwise(stops))
-    ]  # fmt: skip
+    ]
     return SimpleNamespace(
-        name=name, folder=Path("gone"), robot=station.robot, robot_note="", motions=tuple(motions),
+        name=name,
+        folder=Path("gone"),
+        robot=station.robot,
+        robot_note="",
+        motions=tuple(motions),
         welds=tuple(SimpleNamespace(stud=n, time_s=weld_s) for n in names[1:-1]),
         result={
             "robot": {"fingerprint": fingerprint or station.robot.fingerprint},
             "inputs": {"station_fingerprint": "of a part of it"},
         },
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture

@@ -7,13 +7,13 @@ import pytest
 from timing_cells import round_trips, stops, two_arms
 
 from dmoc.errors import ProblemError
-from sequencing.timing.first_level import _QUICK, first_level
-from sequencing.timing.jobs import in_given_numbers, in_order, jobs_of, rearranged
-from sequencing.timing.order import align, order_exact, order_search
-from sequencing.timing.prepared import prepare_cell
-from sequencing.timing.schedule import schedule, schedule_to_dict
-from sequencing.timing.strategies import Timing, make_windows, window_result
-from sequencing.timing.verify import check_schedule
+from sequencing.timing.clearance.verify import check_schedule
+from sequencing.timing.scheduling import schedule, schedule_to_dict
+from sequencing.timing.search.jobs import in_given_numbers, in_order, jobs_of, rearranged
+from sequencing.timing.search.levels import _QUICK, first_level
+from sequencing.timing.search.order import align, order_exact, order_search
+from sequencing.timing.search.prepared import prepare_cell
+from sequencing.timing.search.windows import Timing, make_windows, window_result
 
 
 def random_cost(seed):
@@ -168,9 +168,11 @@ def test_first_level_equals_enumeration_of_windows() -> None:
 def orders_in_schedule(seed: int):
     """A cell whose jobs may be exchanged on one arm, and its schedule."""
     cell = two_arms(
-        round_trips(seed, 3), round_trips(seed + 1, 3), handovers=((1, 10),),
+        round_trips(seed, 3),
+        round_trips(seed + 1, 3),
+        handovers=((1, 10),),
         free_order=(True, False),
-    )  # fmt: skip
+    )
     return cell, schedule(cell, seed=0)
 
 

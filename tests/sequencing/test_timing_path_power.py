@@ -11,18 +11,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dmoc.drive import electrical_power_w
-from dmoc.robot import load_robot
-from dmoc.trapezoid import trapezoid_motion
-from sequencing.timing.dc_link import LinkParams
-from sequencing.timing.path_power import (
+from dmoc.curves.trapezoid import trapezoid_motion
+from dmoc.robot.drive import electrical_power_w
+from dmoc.robot.robot import load_robot
+from sequencing.timing.power.along_path import (
     drive_of,
     exact_power_w,
     path_power,
     path_torque_nm,
     power_table,
 )
-from sequencing.timing.timeline import cost, cost_and_gradient, cost_batch, drawn_j, make_timeline
+from sequencing.timing.power.dc_link import LinkParams
+from sequencing.timing.power.timeline import (
+    cost,
+    cost_and_gradient,
+    cost_batch,
+    drawn_j,
+    make_timeline,
+)
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "naive"))
 from naive_timeline import grid_energy_j
@@ -48,7 +54,7 @@ def test_torque_at_override_one_is_inverse_dynamics() -> None:
 
 
 def test_torque_at_override_one_is_that_of_the_symbolic_dynamics() -> None:
-    dynamics = pytest.importorskip("dmoc.dynamics")
+    dynamics = pytest.importorskip("dmoc.physics.dynamics")
     motion = motions(0)[0]
     path = path_power(ROBOT, motion)
     arm = dynamics.arm_model(ROBOT.model)

@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
-from sequencing.timing.obb import boxes_overlap
-from sequencing.timing.sampled_check import BROAD, NARROW, SampledCheck
-from sequencing.timing.study import (
+from studies.pallet_cell.sampled_check import BROAD, NARROW, SampledCheck, boxes_overlap
+from studies.pallet_cell.study import (
     crossing_cell,
     first_trajectories,
     pallet_cell,

@@ -9,16 +9,16 @@ import pytest
 from timing_cells import reaching, stops, two_arms
 
 import planning
+from authoring.stations.pallet_cell import author
 from dmoc.errors import InputError
-from planning.stations.pallet_cell.author import author
-from sequencing.timing.cell import load_cell
-from sequencing.timing.cell_file import cell_schema
-from sequencing.timing.path_power import drive_of
-from sequencing.timing.prepared import prepare_cell
-from sequencing.timing.schedule import schedule, schedule_to_dict
-from sequencing.timing.strategies import make_windows
-from sequencing.timing.study import first_trajectories, pallet_cell, traces
-from sequencing.timing.verify import check_obstacles, check_schedule
+from sequencing.timing.cell.read import load_cell
+from sequencing.timing.cell.schema import cell_schema
+from sequencing.timing.clearance.verify import check_obstacles, check_schedule
+from sequencing.timing.power.along_path import drive_of
+from sequencing.timing.scheduling import schedule, schedule_to_dict
+from sequencing.timing.search.prepared import prepare_cell
+from sequencing.timing.search.windows import make_windows
+from studies.pallet_cell.study import first_trajectories, pallet_cell, traces
 
 CELL_FOLDER = Path(planning.__file__).parent / "stations" / "pallet_cell"
 
@@ -159,10 +159,14 @@ def test_robots_of_two_makes_on_links_of_their_own() -> None:
     cell = two_arms(stops(1, 3), stops(2, 3))
     other = pallet_cell().robots[0]
     big = replace(
-        other, trajectories=other.trajectories[:2], loaded=other.loaded[:2],
-        labels=other.labels[:2], pause_s=other.pause_s[:2], wrench=other.wrench[:2],
+        other,
+        trajectories=other.trajectories[:2],
+        loaded=other.loaded[:2],
+        labels=other.labels[:2],
+        pause_s=other.pause_s[:2],
+        wrench=other.wrench[:2],
         robot=other.robot,
-    )  # fmt: skip
+    )
     mixed = replace(
         cell, robots=(cell.robots[0], big), links=cell.links * 2, link_of=(0, 1), base_load_w=350.0
     )

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dmoc.errors import ProblemError
-from sequencing.timing.path_power import MIN_OVERRIDE
-from sequencing.timing.slack import decode, encode, pull_back, slack_graph
+from sequencing.timing.power.along_path import MIN_OVERRIDE
+from sequencing.timing.search.slack import decode, encode, pull_back, slack_graph
 
 CELL = [[1.0, 2.0, 0.5], [0.7, 1.5], [2.0, 0.3, 0.4]]
 HANDOVERS = [(0, 4), (3, 7)]

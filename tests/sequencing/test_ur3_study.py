@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmoc.bezier_descent import DescentParams
 from dmoc.errors import ProblemError
-from dmoc.robot import load_robot
-from sequencing.report.ur3_tables import ur3_markdown
-from sequencing.run_files import read_run
-from sequencing.studies.ur3 import run_ur3_study
-from sequencing.studies.ur3_case import Setting, judge, saving, solve_case, viscous_floor_j
-from sequencing.studies.ur3_moves import CLASSES, Move, movej, paper_moves, random_moves
-from sequencing.studies.ur3_reference import free_form
-from sequencing.studies.ur3_sweeps import duration_sweep, obstacle_sweep, payload_sweep
-from sequencing.studies.ur3_world import avoid_in, tabletop_world, touches
+from dmoc.robot.robot import load_robot
+from sequencing.runs.folder import read_run
+from studies.ur3.bezier_descent import DescentParams
+from studies.ur3.case import Setting, judge, saving, solve_case, viscous_floor_j
+from studies.ur3.moves import CLASSES, Move, movej, paper_moves, random_moves
+from studies.ur3.reference import free_form
+from studies.ur3.study import run_ur3_study
+from studies.ur3.sweeps import duration_sweep, obstacle_sweep, payload_sweep
+from studies.ur3.tables import ur3_markdown
+from studies.ur3.world import avoid_in, tabletop_world, touches
 
 ROBOT = load_robot("ur3e_class")
 WORLD = tabletop_world(ROBOT)

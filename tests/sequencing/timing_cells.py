@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pinocchio as pin
 
-from dmoc.robot import load_robot
-from dmoc.trapezoid import trapezoid_motion
-from sequencing.timing.cell import Cell, CellRobot
-from sequencing.timing.dc_link import LinkParams
+from dmoc.curves.trapezoid import trapezoid_motion
+from dmoc.robot.robot import load_robot
+from sequencing.timing.cell.read import Cell, CellRobot
+from sequencing.timing.power.dc_link import LinkParams
 
 ARM = load_robot("ur10e_class")
 
@@ -34,10 +34,16 @@ def two_arms(
         count = len(motions)
         robots.append(
             CellRobot(
-                name, arm, (), motions, (arm,) * count, ("",) * count, (0.0,) * count,
+                name,
+                arm,
+                (),
+                motions,
+                (arm,) * count,
+                ("",) * count,
+                (0.0,) * count,
                 free_order=free,
             )
-        )  # fmt: skip
+        )
     link = LinkParams(capacitance_f=capacitance_f)
     return Cell("two-arms", tuple(robots), (), handovers, (link,), (0, 0), 0.0, clearance_m)
 

@@ -1,0 +1,1 @@
+"""Time laws of a given path: trapezoids, blends, time-optimal scaling."""

@@ -1,0 +1,1 @@
+"""Equations of motion: continuous and discrete dynamics, states, and their re-simulation."""

@@ -1,0 +1,282 @@
+"""Stage functions as machine code: generated to C, compiled once, kept on disk.
+
+The name of a library is a hash of the functions themselves (so of model, cost and the code that
+wrote them), the compiler flags, CasADi's version and the machine. While a compiler works, or where
+there is none, CasADi's virtual machine evaluates the same operations in the same order: with
+`-ffp-contract=off` both give the same bits (tested), so that no result depends on when a compiler
+finishes.
+
+`DMOC_BACKEND` chooses: `auto` (default; compile in the background), `c` (wait for the compiler),
+`vm` (never compile). `DMOC_CACHE` names the folder, else `$XDG_CACHE_HOME/dmoc` or
+`~/.cache/dmoc`.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import casadi as ca
+
+from dmoc.errors import Fault, InputError
+from dmoc.programme.stages import Stage
+
+# Solves before a compiler is started in `auto`: one-off robots are not worth it.
+SOLVES_BEFORE_COMPILING = 3
+
+
+@dataclass
+class StageSet:
+    """The stages of one robot and cost and the state of their library in this process."""
+
+    stages: tuple[Stage, ...]
+    library: Library | None = None
+    compiled: tuple[Stage, ...] | None = None
+    uses: int = 0
+    started: bool = False
+
+    def current(self) -> Backend:
+        """The stages to use for the next solve."""
+        mode = backend_mode()
+        if mode == "vm":
+            return Backend("vm", self.stages)
+        if self.compiled is None:
+            self._advance(wait=mode == "c")
+        if self.compiled is None:
+            return Backend("vm", self.stages)
+        return Backend("c", self.compiled)
+
+    def _advance(self, wait: bool) -> None:
+        self.uses += 1
+        if self.library is None:
+            self.library = library_for([part for stage in self.stages for part in stage.parts])
+        if self._load():
+            return
+        if not self.started and (wait or self.uses > SOLVES_BEFORE_COMPILING):
+            self.started = True
+            self.library.start(wait)
+            if wait:
+                self._load()
+
+    def _load(self) -> bool:
+        functions = None if self.library is None else self.library.load()
+        if functions is None:
+            return False
+        self.compiled = tuple(
+            replace(stage, parts=_three(functions, 3 * i)) for i, stage in enumerate(self.stages)
+        )
+        return True
+
+
+@dataclass(frozen=True)
+class Backend:
+    """`name` is `c` or `vm`; both give the same bits."""
+
+    name: str
+    stages: tuple[Stage, ...]
+
+
+def _three(
+    functions: tuple[ca.Function, ...], at: int
+) -> tuple[ca.Function, ca.Function, ca.Function]:
+    return functions[at], functions[at + 1], functions[at + 2]
+
+
+FLAGS = ("-O1", "-fPIC", "-shared", "-ffp-contract=off")
+COMPILE_TIMEOUT_S = 300
+
+BackendName = Literal["c", "vm"]
+
+
+@dataclass(frozen=True)
+class BackendReport:
+    """What `dmoc doctor` shows: the compiler, the folder and how many libraries are in it."""
+
+    mode: str
+    compiler: str | None
+    folder: Path
+    writable: bool
+    libraries: int
+
+
+@dataclass(frozen=True)
+class Library:
+    """Functions and where their compiled form is, or will be."""
+
+    functions: tuple[ca.Function, ...]
+    path: Path
+
+    def ready(self) -> bool:
+        """Whether the compiled form is on disk."""
+        return self.path.is_file() and _seal(self.path).is_file()
+
+    def load(self) -> tuple[ca.Function, ...] | None:
+        """The compiled functions, or None if they are missing, damaged or of another machine."""
+        if not self.ready() or not _is_sound(self.path):
+            return None
+        try:
+            return tuple(ca.external(f.name(), str(self.path)) for f in self.functions)
+        except RuntimeError:  # what CasADi raises when dlopen refuses a file
+            return None
+
+    def start(self, wait: bool) -> None:
+        """Compile, in this process if `wait`, else in one of its own that may outlive this one."""
+        compiler = find_compiler()
+        folder = self.path.parent
+        if compiler is None or not _make_folder(folder):
+            return
+        source = _write_source(self.functions, folder)
+        if source is None:
+            return
+        if wait:
+            compile_library(source, self.path, compiler)
+            return
+        command = [
+            sys.executable,
+            "-m",
+            "dmoc.programme.codegen",
+            str(source),
+            str(self.path),
+            compiler,
+        ]
+        quiet = subprocess.DEVNULL
+        subprocess.Popen(
+            command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True, close_fds=True
+        )
+
+
+def backend_mode() -> str:
+    """`auto`, `c` or `vm`, from DMOC_BACKEND."""
+    mode = os.environ.get("DMOC_BACKEND", "auto")
+    if mode not in ("auto", "c", "vm"):
+        raise InputError(
+            Fault(
+                "backend",
+                field="DMOC_BACKEND",
+                value=mode,
+                legal="auto, c or vm",
+                fix="unset it for the default",
+            )
+        )
+    return mode
+
+
+def library_for(functions: Sequence[ca.Function]) -> Library:
+    """Where the compiled form of `functions` lives."""
+    digest = hashlib.sha256()
+    for function in functions:
+        digest.update(function.serialize().encode())
+    for text in (*FLAGS, ca.CasadiMeta.version(), platform.machine(), sys.platform):
+        digest.update(text.encode())
+    return Library(tuple(functions), cache_folder() / f"{digest.hexdigest()[:40]}.so")
+
+
+def cache_folder() -> Path:
+    """The folder of the compiled libraries."""
+    named = os.environ.get("DMOC_CACHE")
+    if named:
+        return Path(named)
+    root = os.environ.get("XDG_CACHE_HOME")
+    return (Path(root) if root else Path.home() / ".cache") / "dmoc"
+
+
+def find_compiler() -> str | None:
+    """A C compiler: $CC, cc, gcc or clang."""
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        found = shutil.which(name) if name else None
+        if found:
+            return found
+    return None
+
+
+def backend_report() -> BackendReport:
+    """What is there to compile with and to."""
+    folder = cache_folder()
+    nearest = next(p for p in (folder, *folder.parents) if p.exists())
+    return BackendReport(
+        backend_mode(),
+        find_compiler(),
+        folder,
+        os.access(nearest, os.W_OK),
+        len(list(folder.glob("*.so"))) if folder.is_dir() else 0,
+    )
+
+
+def compile_library(source: Path, target: Path, compiler: str) -> bool:
+    """Compile `source` to `target` unless another process is at it; remove `source`.
+
+    The library appears under its name only when it is whole; a `.sha256` beside it seals it.
+    """
+    with open(target.with_suffix(".lock"), "w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            source.unlink(missing_ok=True)
+            return False
+        handle, name = tempfile.mkstemp(suffix=".tmp", dir=target.parent)
+        os.close(handle)
+        fresh = Path(name)
+        command = [compiler, *FLAGS, "-o", str(fresh), str(source), "-lm"]
+        try:
+            done = subprocess.run(
+                command, check=False, capture_output=True, timeout=COMPILE_TIMEOUT_S
+            )
+            if done.returncode == 0:
+                seal = hashlib.sha256(fresh.read_bytes()).hexdigest()
+                os.replace(fresh, target)
+                draft = fresh.with_suffix(".seal")
+                draft.write_text(seal)
+                os.replace(draft, _seal(target))
+            return done.returncode == 0
+        except (subprocess.TimeoutExpired, OSError):
+            return False
+        finally:
+            fresh.unlink(missing_ok=True)
+            source.unlink(missing_ok=True)
+
+
+def _seal(path: Path) -> Path:
+    return path.with_suffix(".sha256")
+
+
+def _is_sound(path: Path) -> bool:
+    """Whether the library is byte for byte what the compiler wrote; loading half of one crashes."""
+    try:
+        return _seal(path).read_text() == hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return False
+
+
+def _make_folder(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
+
+
+def _write_source(functions: tuple[ca.Function, ...], folder: Path) -> Path | None:
+    generator = ca.CodeGenerator("stage")
+    for function in functions:
+        generator.add(function)
+    try:
+        handle, name = tempfile.mkstemp(suffix=".c", dir=folder)
+        with os.fdopen(handle, "w") as file:
+            file.write(generator.dump())
+    except OSError:
+        return None
+    return Path(name)
+
+
+if __name__ == "__main__":
+    compile_library(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])

@@ -1,0 +1,316 @@
+"""A robot: URDF and robot.yaml become a `pin.Model`, limits, tool and payload (frozen)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dmoc.arrays import Array, joint_vector, readonly
+from dmoc.errors import Fault, RobotError
+from dmoc.robot.settings import read_settings, settings_faults
+from dmoc.robot.urdf import check_urdf
+
+IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Tool:
+    """What hangs on the flange: inertial values and tip pose in the flange frame.
+
+    `com_m` (3,), `inertia_kg_m2` (3, 3) about the centre of mass, `tip_position_m` (3,),
+    `tip_quaternion_xyzw` (4,): the tip's +Z points into the work piece.
+    """
+
+    mass_kg: float = 0.0
+    com_m: Array = field(default_factory=lambda: np.zeros(3))
+    inertia_kg_m2: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    tip_position_m: Array = field(default_factory=lambda: np.zeros(3))
+    tip_quaternion_xyzw: Array = field(default_factory=lambda: np.array(IDENTITY_QUATERNION))
+
+    def __post_init__(self) -> None:
+        for name, ndim in (
+            ("com_m", 1),
+            ("inertia_kg_m2", 2),
+            ("tip_position_m", 1),
+            ("tip_quaternion_xyzw", 1),
+        ):
+            object.__setattr__(self, name, readonly(getattr(self, name), f"tool.{name}", ndim))
+
+    @property
+    def tip(self) -> pin.SE3:
+        """T_flange_tip."""
+        quaternion = pin.Quaternion(np.array(self.tip_quaternion_xyzw)).normalized()
+        return pin.SE3(quaternion.matrix(), np.array(self.tip_position_m))
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A fixed-base serial arm with everything that a motion depends on.
+
+    `model` holds the dynamics (tool and payload included, rotor armature in `model.armature`, base
+    placement in the first joint); treat it as read-only. All vectors are (n,): position limits
+    [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
+    [kg·m²]. `flange` is the frame that carries the tool. `drive` is the mapping of robot.yaml's
+    `drive` section (read by `robot.drive`); `provenance` tags every value as measured, published or
+    assumed. `allowed_collisions` are the pairs of links that may touch (neighbours in the chain).
+    `fingerprint` changes with anything that changes a motion; robots of equal fingerprint are
+    equal. Pickles carry the model itself, so a worker process needs no file for dynamics.
+    """
+
+    name: str
+    model: pin.Model
+    urdf: Path
+    flange: str
+    q_lower_rad: Array
+    q_upper_rad: Array
+    velocity_limit_rad_s: Array
+    acceleration_limit_rad_s2: Array
+    torque_limit_nm: Array
+    armature_kg_m2: Array
+    tool: Tool
+    payload_kg: float
+    base: pin.SE3
+    drive: Mapping[str, Any]
+    provenance: Mapping[str, str]
+    allowed_collisions: tuple[tuple[str, str], ...]
+    fingerprint: str
+    mass_scale: float = 1.0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Robot) and self.fingerprint == other.fingerprint
+
+    def __hash__(self) -> int:
+        return hash(self.fingerprint)
+
+    def __getstate__(self) -> dict[str, Any]:
+        state = dict(self.__dict__)
+        for name in ("drive", "provenance"):  # a mapping proxy cannot be pickled
+            state[name] = dict(state[name])
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if name in ("drive", "provenance"):
+                value = MappingProxyType(value)
+            elif isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @property
+    def num_joints(self) -> int:
+        """n."""
+        return int(self.model.nv)
+
+    def gravity_torque_nm(self, q_rad: Array) -> Array:
+        """g(q) [N·m] for rows of q (K, n) or one q (n,)."""
+        data = self.model.createData()
+        rows = np.atleast_2d(np.asarray(q_rad, dtype=float))
+        torque = np.array([pin.computeGeneralizedGravity(self.model, data, row) for row in rows])
+        return torque[0] if np.ndim(q_rad) == 1 else torque
+
+    def flange_pose(self, q_rad: Array) -> pin.SE3:
+        """T_world_flange."""
+        data = self.model.createData()
+        pin.framesForwardKinematics(self.model, data, np.asarray(q_rad, dtype=float))
+        return data.oMf[self.model.getFrameId(self.flange)].copy()
+
+    def tip_pose(self, q_rad: Array) -> pin.SE3:
+        """T_world_tip."""
+        return self.flange_pose(q_rad) * self.tool.tip
+
+    def geometry(self) -> pin.GeometryModel:
+        """The links' collision shapes at their joints, the base's placement included.
+
+        Tool and payload have no shape here. `geometryObjects[i].parentFrame` names the link.
+        """
+        kind, folders = pin.GeometryType.COLLISION, [str(self.urdf.parent)]
+        return pin.buildGeomFromUrdf(self.model, str(self.urdf), kind, package_dirs=folders)
+
+    def with_tool(self, tool: Tool) -> Robot:
+        """This robot with `tool` on its flange instead of the present one."""
+        return _assemble(self, tool=tool)
+
+    def with_payload(self, payload_kg: float) -> Robot:
+        """This robot carrying a point mass `payload_kg` at the tool tip."""
+        return _assemble(self, payload_kg=payload_kg)
+
+    def with_base(self, base: pin.SE3) -> Robot:
+        """This robot standing at T_world_base."""
+        return _assemble(self, base=base)
+
+    def with_mass_scale(self, mass_scale: float) -> Robot:
+        """This robot with every link's mass and inertia multiplied (tool and payload are not)."""
+        return _assemble(self, mass_scale=mass_scale)
+
+    def with_limits(self, **limits: Array | float) -> Robot:
+        """This robot with other limits (field names of this class, scalars repeat)."""
+        vectors: dict[str, Any] = {
+            key: joint_vector(value, key, self.num_joints) for key, value in limits.items()
+        }
+        changed = replace(self, **vectors)
+        return replace(changed, fingerprint=_fingerprint(changed))
+
+
+def _robot_root() -> Path:
+    return Path(str(resources.files("dmoc"))) / "robots"
+
+
+def available_robots() -> tuple[str, ...]:
+    """Names of the robots that come with the package."""
+    return tuple(sorted(p.parent.name for p in _robot_root().glob("*/robot.yaml")))
+
+
+def load_robot(name_or_path: str | Path) -> Robot:
+    """A robot of the package by name, or from a URDF file with its `robot.yaml` beside it.
+
+    Errors: `RobotError` with every fault found (file, line, field, value, legal range, fix).
+    """
+    text = str(name_or_path)
+    if text in available_robots():
+        urdf = _robot_root() / text / f"{text}.urdf"
+    else:
+        urdf = Path(text)
+        if urdf.is_dir():
+            candidates = sorted(urdf.glob("*.urdf"))
+            urdf = candidates[0] if len(candidates) == 1 else urdf / f"{urdf.name}.urdf"
+        if not urdf.is_file():
+            raise RobotError(
+                Fault(
+                    "robot-missing",
+                    file=text,
+                    field="robot",
+                    value=text,
+                    legal="one of " + ", ".join(available_robots()) + ", or the path of a URDF",
+                    fix="check the name or the path",
+                )
+            )
+    tree = read_settings(urdf)
+    check_urdf(urdf, torque_limits_given="torque_limit_nm" in tree.data)
+    settings = tree.data
+    try:
+        model = pin.buildModelFromUrdf(str(urdf))
+    except (ValueError, RuntimeError) as error:
+        raise RobotError(
+            Fault(
+                "urdf-syntax",
+                file=str(urdf),
+                value=str(error)[:200],
+                legal="a URDF robot",
+                fix="mend what the parser names",
+            )
+        ) from error
+    faults = settings_faults(urdf, tree, model)
+    if faults:
+        raise RobotError(faults)
+    n = model.nv
+
+    def vector(key: str, default: Array) -> Array:
+        value = settings.get(key)
+        return joint_vector(default if value is None else value, key, n)
+
+    velocity = vector("velocity_limit_rad_s", model.velocityLimit)
+    robot = Robot(
+        name=str(settings.get("name", urdf.stem)),
+        model=model,
+        urdf=urdf.resolve(),
+        flange=str(settings.get("flange", _leaf_frame(model))),
+        q_lower_rad=vector("q_lower_rad", model.lowerPositionLimit),
+        q_upper_rad=vector("q_upper_rad", model.upperPositionLimit),
+        velocity_limit_rad_s=velocity,
+        acceleration_limit_rad_s2=vector("acceleration_limit_rad_s2", 10.0 * velocity),
+        torque_limit_nm=vector("torque_limit_nm", model.effortLimit),
+        armature_kg_m2=vector("armature_kg_m2", np.zeros(n)),
+        tool=Tool(),
+        payload_kg=0.0,
+        base=pin.SE3.Identity(),
+        drive=MappingProxyType(dict(settings.get("drive", {}))),
+        provenance=MappingProxyType(dict(settings.get("provenance", {}))),
+        allowed_collisions=tuple(
+            (str(first), str(second)) for first, second in settings.get("allowed_collisions", ())
+        ),
+        fingerprint="",
+    )
+    return _assemble(robot)
+
+
+def _leaf_frame(model: pin.Model) -> str:
+    """The last body frame of the URDF: where a tool goes when robot.yaml does not say."""
+    bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
+    return bodies[-1]
+
+
+def _assemble(robot: Robot, **changes: Any) -> Robot:
+    """Rebuild the model from the URDF with tool, payload and base, and refresh the fingerprint."""
+    changed = replace(robot, **changes)
+    model = pin.buildModelFromUrdf(str(changed.urdf))
+    # Exact 0/±1 in the placements keep the symbolic dynamics small: a quarter turn written with
+    # six digits would otherwise leave terms of 1e-7 everywhere.
+    for i in range(model.njoints):
+        model.jointPlacements[i] = _snap(model.jointPlacements[i])
+    model.jointPlacements[1] = changed.base * model.jointPlacements[1]
+    for i, frame in enumerate(model.frames):
+        if frame.parentJoint == 0 and i > 0:
+            model.frames[i].placement = changed.base * frame.placement
+    if changed.mass_scale != 1.0:
+        for i in range(model.njoints):
+            link, scale = model.inertias[i], changed.mass_scale
+            model.inertias[i] = pin.Inertia(scale * link.mass, link.lever, scale * link.inertia)
+    model.armature = np.array(changed.armature_kg_m2)
+    frame = model.frames[model.getFrameId(changed.flange)]
+    tool = changed.tool
+    if tool.mass_kg > 0:
+        inertia = pin.Inertia(tool.mass_kg, np.array(tool.com_m), np.array(tool.inertia_kg_m2))
+        model.appendBodyToJoint(frame.parentJoint, inertia, frame.placement)
+    if changed.payload_kg > 0:
+        point = pin.Inertia(changed.payload_kg, np.zeros(3), np.zeros((3, 3)))
+        model.appendBodyToJoint(frame.parentJoint, point, frame.placement * tool.tip)
+    changed = replace(changed, model=model)
+    return replace(changed, fingerprint=_fingerprint(changed))
+
+
+def _snap(placement: pin.SE3) -> pin.SE3:
+    rotation, translation = placement.rotation.copy(), placement.translation.copy()
+    for block in (rotation, translation):
+        nearest = np.round(block)
+        block[np.abs(block - nearest) < 1e-5] = nearest[np.abs(block - nearest) < 1e-5]
+    left, _, right = np.linalg.svd(rotation)
+    exact = (
+        rotation if np.array_equal(np.abs(rotation), np.round(np.abs(rotation))) else left @ right
+    )
+    return pin.SE3(exact, translation)
+
+
+def _fingerprint(robot: Robot) -> str:
+    """sha256 over everything that changes dynamics or limits, independent of file paths."""
+    model = robot.model
+    digest = hashlib.sha256()
+    for i in range(model.njoints):
+        digest.update(model.joints[i].shortname().encode())
+        digest.update(np.ascontiguousarray(model.jointPlacements[i].homogeneous).tobytes())
+        inertia = model.inertias[i]
+        digest.update(np.float64(inertia.mass).tobytes() + inertia.lever.tobytes())
+        digest.update(np.ascontiguousarray(inertia.inertia).tobytes())
+    for vector in (
+        model.armature,
+        model.gravity.vector,
+        robot.q_lower_rad,
+        robot.q_upper_rad,
+        robot.velocity_limit_rad_s,
+        robot.acceleration_limit_rad_s2,
+        robot.torque_limit_nm,
+        robot.tool.tip.homogeneous,
+    ):
+        digest.update(np.ascontiguousarray(vector, dtype=np.float64).tobytes())
+    flange = model.frames[model.getFrameId(robot.flange)]
+    digest.update(np.ascontiguousarray(flange.placement.homogeneous).tobytes())
+    digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
+    return digest.hexdigest()

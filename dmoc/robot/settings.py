@@ -1,0 +1,183 @@
+"""robot.yaml: the settings beside a URDF, and every fault in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from dmoc.errors import DmocError, Fault, RobotError
+from dmoc.input_file import FieldPath, YamlTree, field_name, read_yaml
+from dmoc.robot.drive import drive_from_mapping
+
+#: Vectors of one number per joint (or one for all), and the least legal value.
+_VECTORS = {
+    "armature_kg_m2": 0.0,
+    "torque_limit_nm": 1e-9,
+    "acceleration_limit_rad_s2": 1e-9,
+    "velocity_limit_rad_s": 1e-9,
+    "q_lower_rad": -50.0,
+    "q_upper_rad": -50.0,
+}
+_MOST = {"q_lower_rad": 50.0, "q_upper_rad": 50.0}
+_KNOWN = {
+    *_VECTORS,
+    "name",
+    "flange",
+    "drive",
+    "provenance",
+    "schema_version",
+    "allowed_collisions",
+}
+_TAGS = "measured | published: SOURCE | assumed"
+
+
+def read_settings(urdf: Path) -> YamlTree:
+    """The tree of robot.yaml beside `urdf` (empty if there is none).
+
+    Errors: `RobotError` for a file that is no YAML mapping.
+    """
+    path = urdf.with_name("robot.yaml")
+    if not path.is_file():
+        return YamlTree({}, {})
+    tree = read_yaml(path, RobotError)
+    if not isinstance(tree.data, dict):
+        raise RobotError(
+            Fault(
+                "yaml-mapping",
+                file=str(path),
+                line=1,
+                value=type(tree.data).__name__,
+                legal="a mapping of settings",
+                fix="see the robots of the package",
+            )
+        )
+    return tree
+
+
+def settings_faults(urdf: Path, tree: YamlTree, model: pin.Model) -> list[Fault]:
+    """All faults of the settings for this model."""
+    faults: list[Fault] = []
+
+    def refuse(code: str, path: FieldPath, value: Any, legal: str, fix: str) -> None:
+        faults.append(
+            Fault(
+                code,
+                file=str(urdf.with_name("robot.yaml")),
+                line=tree.line(path),
+                field=field_name(path),
+                value=str(value)[:120],
+                legal=legal,
+                fix=fix,
+            )
+        )
+
+    settings = tree.data
+    for key in sorted(settings.keys() - _KNOWN):
+        refuse(
+            "robot-key",
+            (key,),
+            settings[key],
+            ", ".join(sorted(_KNOWN)),
+            "remove it or mend the spelling",
+        )
+    if settings.get("schema_version", 1) != 1:
+        refuse(
+            "schema-version",
+            ("schema_version",),
+            settings["schema_version"],
+            "1",
+            "write schema_version: 1",
+        )
+    _check_vectors(settings, model, refuse)
+    name = settings.get("name", "robot")
+    if not isinstance(name, str) or not name.strip():
+        refuse("robot-value", ("name",), name, "text", "name the robot")
+    flange = settings.get("flange")
+    frames = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
+    if flange is not None and flange not in frames:
+        refuse("robot-flange", ("flange",), flange, ", ".join(frames), "name a link of the URDF")
+    _check_drive(settings, model, refuse)
+    _check_provenance(settings, refuse)
+    _check_pairs(settings, frames, refuse)
+    return faults
+
+
+Refuse = Callable[[str, FieldPath, Any, str, str], None]
+
+
+def _check_vectors(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -> None:
+    limits = {"q_lower_rad": model.lowerPositionLimit, "q_upper_rad": model.upperPositionLimit}
+    for key, least in _VECTORS.items():
+        if key not in settings:
+            continue
+        given = settings[key]
+        numbers = given if isinstance(given, list) else [given]
+        plain = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in numbers)
+        value = np.array(numbers, dtype=float) if plain else np.full(1, np.nan)
+        most = _MOST.get(key, np.inf)
+        right = len(value) == model.nv or not isinstance(given, list)
+        if not right or not np.all((value >= least) & (value <= most) & np.isfinite(value)):
+            refuse(
+                "robot-value",
+                (key,),
+                given,
+                f"{model.nv} finite numbers >= {least:g}",
+                "one number per joint",
+            )
+        elif key in limits:
+            limits[key] = np.broadcast_to(value, (model.nv,))
+    for i in np.flatnonzero(limits["q_lower_rad"] >= limits["q_upper_rad"]):
+        refuse(
+            "limit-inverted",
+            ("q_lower_rad", int(i)),
+            f"{limits['q_lower_rad'][i]:g} to {limits['q_upper_rad'][i]:g}",
+            "lower < upper",
+            "swap the limits",
+        )
+
+
+def _check_drive(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -> None:
+    drive = settings.get("drive")
+    if drive is None:
+        return
+    if not isinstance(drive, dict):
+        refuse("robot-value", ("drive",), drive, "a mapping", "write drive: {class: heavy}")
+        return
+    try:
+        drive_from_mapping(drive, model.nv)
+    except DmocError as error:
+        for fault in error.faults:
+            path = tuple(fault.field.split("."))
+            refuse(fault.code, path, fault.value, fault.legal, fault.fix or "mend the value")
+
+
+def _check_provenance(settings: dict[str, Any], refuse: Refuse) -> None:
+    tags = settings.get("provenance", {})
+    if not isinstance(tags, dict):
+        refuse("provenance-tag", ("provenance",), tags, "a mapping", f"write KEY: {_TAGS}")
+        return
+    for key, tag in tags.items():
+        known = tag in ("measured", "assumed")
+        if not known and not (isinstance(tag, str) and tag.startswith("published: ")):
+            refuse("provenance-tag", ("provenance", key), tag, _TAGS, "tag where it comes from")
+
+
+def _check_pairs(settings: dict[str, Any], frames: list[str], refuse: Refuse) -> None:
+    pairs = settings.get("allowed_collisions", [])
+    if not isinstance(pairs, list):
+        refuse(
+            "robot-value", ("allowed_collisions",), pairs, "a list of pairs", "write - [link, link]"
+        )
+        return
+    for index, pair in enumerate(pairs):
+        path: FieldPath = ("allowed_collisions", index)
+        if not isinstance(pair, list) or len(pair) != 2:
+            refuse("robot-value", path, pair, "two link names", "write - [link, link]")
+            continue
+        for link in pair:
+            if link not in frames:
+                refuse("name-unknown", path, link, ", ".join(frames), "name links of the URDF")

@@ -1,0 +1,330 @@
+"""The only caller of `nlpsol` and of our own method: one solver per programme, many solves.
+
+Speed and acceleration limits are often inactive at an optimum with a velocity cost, yet their rows
+double the size of the linear systems. So a programme is solved without them first; what the
+solution violates is added, and it is solved again from there. A solution that satisfies every
+limit is an optimum of the full programme whether or not its rows were present.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from dmoc.arrays import Array
+from dmoc.motion.motion import MotionProblem
+from dmoc.motion.status import Status
+from dmoc.physics.state import knot_velocities, max_defect, residuals
+from dmoc.programme.builder import Families, MotionProgramme, motion_programme
+from dmoc.programme.curve_limits import (
+    CURVE_SLACK,
+    Curve,
+    Lag,
+    Margins,
+    curve_of,
+    lag_of,
+    mean_curve_of,
+    mobility_of,
+    no_lag,
+)
+from dmoc.programme.numbers import (
+    capacity_for,
+    half_space_params,
+    parameters,
+    row_bounds,
+    variable_bounds,
+    without_idle_rows,
+)
+from dmoc.programme.types import DEFAULT_PARAMS, Box, Guess, NlpSolution, PathRows, SolveParams
+
+STATUS = {
+    "Solve_Succeeded": Status.CONVERGED,
+    "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
+    "Feasible_Point_Found": Status.ACCEPTABLE,
+    "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Not_Enough_Degrees_Of_Freedom": Status.INFEASIBLE,
+    "Restoration_Failed": Status.INFEASIBLE,
+    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+    "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
+    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
+    "User_Requested_Stop": Status.TIME_LIMIT,
+}
+"""What Ipopt's return codes mean here; every other code is a numerical failure."""
+
+# A motion whose equations hold less well than this (fraction of h u_max) is not called converged.
+LARGEST_DEFECT = 1e-6
+
+_IPOPT = {
+    "print_level": 0,
+    "sb": "yes",
+    "nlp_scaling_method": "none",
+    "mu_strategy": "adaptive",
+    "mu_oracle": "probing",
+    "constr_viol_tol": 1e-8,
+    # The rows are scaled already; AMF ordering suits the band. Measured: a quarter off.
+    # The automatic ordering would also make the last digits depend on earlier solves.
+    "mumps_pivot_order": 2,
+    "mumps_permuting_scaling": 0,
+    "mumps_scaling": 0,
+    "min_refinement_steps": 0,
+}
+_WARM = {
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-4,
+    "warm_start_mult_bound_push": 1e-4,
+}
+_SOLVERS: dict[tuple[Any, ...], ca.Function] = {}
+# MUMPS and CasADi's graph are not safe for threads; processes are the way to use more cores.
+ONE_AT_A_TIME = threading.RLock()
+
+
+@dataclass(frozen=True)
+class Multipliers:
+    """Dual variables of a solution: of the bounds of x and of all rows of `families`.
+
+    `lag` is what its rows of speed and acceleration are short of, where it has any.
+    """
+
+    bounds: Array
+    rows: Array
+    families: Families
+    lag: Lag | None = None
+
+
+def solve_nlp(
+    problem: MotionProblem,
+    guess: Guess,
+    *,
+    box: Box | None = None,
+    rows: PathRows | None = None,
+    params: SolveParams = DEFAULT_PARAMS,
+    families: Families | None = None,
+) -> NlpSolution:
+    """The local optimum of `problem` next to `guess`, inside `box` and the half-spaces `rows`.
+
+    The knots q_1..q_m and q_{N−m}..q_{N−1} of `depart_rad` and `arrive_rad` are fixed. `families`
+    names the limits whose rows are there from the start (default: those of the guess's
+    multipliers, else none); others join when a solution violates them. Failure is a status; the
+    last iterate comes with it.
+    """
+    with ONE_AT_A_TIME:
+        return _with_lazy_limits(problem, guess, box, rows, params, families)
+
+
+def _with_lazy_limits(
+    problem: MotionProblem,
+    guess: Guess,
+    box: Box | None,
+    rows: PathRows | None,
+    params: SolveParams,
+    families: Families | None,
+) -> NlpSolution:
+    kept = None if rows is None else without_idle_rows(problem, box, rows)
+    warm = guess.multipliers if isinstance(guess.multipliers, Multipliers) else None
+    if families is None:
+        families = Families() if warm is None else warm.families
+    families = replace(families, half_spaces=0 if kept is None else capacity_for(kept))
+    lag = None if warm is None else warm.lag
+    if lag is None:
+        lag = no_lag(problem.num_intervals, problem.robot.num_joints)
+    margins = Margins(lag, np.zeros_like(lag.slope), np.zeros_like(lag.velocity))
+    exact, iterations, corrections = params.limit_curve, 0, 0
+    slack = CURVE_SLACK if exact else 0.0
+    no_mobility = np.zeros((len(lag.velocity), problem.robot.num_joints, problem.robot.num_joints))
+    while True:
+        if families.limited:
+            mobility = mobility_of(problem.robot, guess.q_rad) if exact else no_mobility
+            margins = replace(margins, mobility=mobility)
+        solution = _solve_once(problem, guess, box, kept, params, families, margins)
+        iterations += solution.iterations
+        if solution.status is Status.INFEASIBLE:
+            break
+        curve = _curve(problem, solution, exact)
+        too_fast, too_hard = curve.breaks_velocity(slack), curve.breaks_acceleration(slack)
+        wider = replace(
+            families,
+            velocity=families.velocity or too_fast,
+            acceleration=families.acceleration or too_hard,
+        )
+        if wider == families:
+            most = params.curve_corrections if exact else 0
+            if not (solution.status.ok and (too_fast or too_hard)) or corrections == most:
+                break
+            corrections += 1
+            if corrections > 1:  # a better lag alone did not do
+                margins = margins.corrected(curve)
+        if solution.status.ok:
+            lag = _lag(problem, solution) if exact else lag
+            if wider != families:
+                lag = lag.tempered(curve)
+            margins = replace(margins, lag=lag)
+            carried = None
+            if solution.multipliers is not None:
+                carried = _carried(problem, solution.multipliers, wider, lag)
+            guess = Guess(solution.q_rad, solution.torque_nm, solution.step_s, carried)
+        families = wider
+    if families.limited and solution.status.ok and solution.multipliers is not None:
+        known = replace(
+            solution.multipliers,
+            lag=_lag(problem, solution).tempered(_curve(problem, solution, True)),
+        )
+        solution = replace(solution, multipliers=known)
+    return replace(solution, iterations=iterations)
+
+
+def _curve(problem: MotionProblem, solution: NlpSolution, exact: bool) -> Curve:
+    if exact:
+        return curve_of(problem.robot, solution.q_rad, solution.velocity_rad_s, solution.step_s)
+    return mean_curve_of(problem, solution.q_rad, solution.step_s)
+
+
+def _lag(problem: MotionProblem, solution: NlpSolution) -> Lag:
+    """What rows with the inertia of this solution are short of."""
+    return lag_of(
+        problem,
+        _curve(problem, solution, True),
+        solution.q_rad,
+        solution.torque_nm,
+        solution.step_s,
+        mobility_of(problem.robot, solution.q_rad),
+    )
+
+
+def _carried(
+    problem: MotionProblem, known: Multipliers, families: Families, lag: Lag
+) -> Multipliers:
+    """Multipliers for a programme with more families of rows; what is new starts at zero."""
+    source, target = motion_programme(problem, known.families), motion_programme(problem, families)
+    rows = np.zeros(target.programme.num_rows)
+    for name, place in source.rows.items():
+        rows[target.rows[name]] = known.rows[place]
+    return Multipliers(known.bounds, rows, families, lag)
+
+
+def _solve_once(
+    problem: MotionProblem,
+    guess: Guess,
+    box: Box | None,
+    rows: PathRows | None,
+    params: SolveParams,
+    families: Families,
+    margins: Margins,
+) -> NlpSolution:
+    motion = motion_programme(problem, families)
+    layout, robot = motion.layout, problem.robot
+    half, lower_half = half_space_params(problem, rows, families.half_spaces)
+    lbx, ubx = variable_bounds(problem, motion, box)
+    lbg, ubg = row_bounds(problem, motion, lower_half, margins)
+    if np.any(lbx > ubx) or np.any(lbg > ubg):
+        return _hopeless(problem, guess, families)
+    x0 = layout.pack(guess.q_rad, guess.torque_nm / robot.torque_limit_nm, guess.step_s)
+    arguments = {
+        "x0": np.clip(x0, lbx, ubx),
+        "lbx": lbx,
+        "ubx": ubx,
+        "lbg": lbg,
+        "ubg": ubg,
+        "p": parameters(problem, motion, half, margins),
+    }
+    multipliers = guess.multipliers
+    warm = (
+        isinstance(multipliers, Multipliers)
+        and multipliers.families == families
+        and (len(multipliers.bounds), len(multipliers.rows)) == (layout.size, len(lbg))
+    )
+    if warm:
+        arguments |= {"lam_x0": multipliers.bounds, "lam_g0": multipliers.rows}
+    result, stats = _minimum(motion, arguments, params, warm)
+    x = np.array(result["x"]).ravel()
+    status = STATUS.get(stats["return_status"], Status.NUMERICAL_FAILURE)
+    cost = float(result["f"])
+    if not (np.all(np.isfinite(x)) and np.isfinite(cost)):
+        status, x = Status.NUMERICAL_FAILURE, arguments["x0"]
+    q, u, h = x[layout.knots()], x[layout.torques()], float(x[layout.step])
+    torque = u * robot.torque_limit_nm
+    smoothing = problem.cost.torque_smoothing * float(np.sum(np.diff(u, axis=0) ** 2))
+    left, right = residuals(problem, q, torque, h)
+    defect = max_defect(problem, q, left, right, h)
+    if status is Status.CONVERGED and defect > LARGEST_DEFECT:
+        status = Status.ACCEPTABLE
+    return NlpSolution(
+        status=status,
+        q_rad=q,
+        torque_nm=torque,
+        step_s=h,
+        velocity_rad_s=knot_velocities(robot, q, left, right),
+        cost=cost - smoothing,
+        smoothing_cost=smoothing,
+        iterations=int(stats["iter_count"]),
+        max_defect=defect,
+        solver=stats.get("solver", params.solver),
+        multipliers=Multipliers(
+            np.array(result["lam_x"]).ravel(), np.array(result["lam_g"]).ravel(), families
+        ),
+    )
+
+
+def _minimum(
+    motion: MotionProgramme, arguments: dict[str, Array], params: SolveParams, warm: bool
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What `nlpsol` returns, and its statistics; of our own method where that is asked for.
+
+    What does not fit there or where it gets stuck goes on to Ipopt, from the same start.
+    """
+    spent, name = 0, params.solver
+    if params.solver == "structured":
+        from dmoc.interior import solve_structured  # with it numba, which takes a while to load
+
+        own = solve_structured(motion, arguments, params)
+        if own is not None and own[1]["return_status"] in STATUS:
+            return own
+        spent, name = 0 if own is None else own[1]["iter_count"], "ipopt"
+    solver = _solver(motion, params, warm)
+    result, stats = solver(**arguments), solver.stats()
+    return result, stats | {"iter_count": stats["iter_count"] + spent, "solver": name}
+
+
+def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSolution:
+    """What a box or rows without any point inside come to: the guess, called infeasible."""
+    q, h = guess.q_rad, guess.step_s
+    left, right = residuals(problem, q, guess.torque_nm, h)
+    return NlpSolution(
+        status=Status.INFEASIBLE,
+        q_rad=q,
+        torque_nm=guess.torque_nm,
+        step_s=h,
+        velocity_rad_s=knot_velocities(problem.robot, q, left, right),
+        cost=float("inf"),
+        smoothing_cost=0.0,
+        iterations=0,
+        max_defect=max_defect(problem, q, left, right, h),
+        multipliers=None,
+    )
+
+
+def _solver(motion: MotionProgramme, params: SolveParams, warm: bool) -> ca.Function:
+    key = (motion.key, params, warm)
+    if key not in _SOLVERS:
+        programme = motion.programme
+        settings: dict[str, Any] = dict(_IPOPT) | {
+            "tol": params.tolerance,
+            "acceptable_tol": params.acceptable_tolerance,
+            "acceptable_iter": params.acceptable_iterations,
+            "max_iter": params.max_iterations,
+        }
+        settings |= _WARM if warm else {}
+        options: dict[str, Any] = {f"ipopt.{name}": value for name, value in settings.items()}
+        options |= {
+            "print_time": False,
+            "no_nlp_grad": True,
+            "calc_lam_p": False,
+            "grad_f": programme.grad_f,
+            "jac_g": programme.jac_g,
+            "hess_lag": programme.hess_lag,
+        }
+        _SOLVERS[key] = ca.nlpsol("motion", "ipopt", programme.nlp, options)
+    return _SOLVERS[key]

@@ -1,0 +1,1 @@
+"""Inverse kinematics: closed forms and Newton's method, all branches of a pose."""

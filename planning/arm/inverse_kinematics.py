@@ -1,0 +1,140 @@
+"""All joint vectors that bring the tool tip to a pose: branches and wrap-arounds within limits."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dmoc.arrays import Array
+from dmoc.robot.robot import Robot
+from planning.arm.closed_forms import closed_form
+from planning.arm.numeric import converge, multi_start
+from planning.arm.screws import Chain, chain_of, pose_error
+
+#: Largest error of a returned solution [m, rad].
+TOLERANCE = 1e-9
+_STARTS = 48
+
+
+@dataclass(frozen=True)
+class Solutions:
+    """`q_rad` (S, n) within limits, sorted by pose; `pose` (S,) indexes the poses asked for.
+
+    Per pose (K,): `num_branches` found before limits, `num_outside`: branches of which no
+    wrap-around lies within the limits.
+    """
+
+    q_rad: Array
+    pose: npt.NDArray[np.int64]
+    num_branches: npt.NDArray[np.int64]
+    num_outside: npt.NDArray[np.int64]
+
+
+def inverse(robot: Robot, poses: Array, seed: int = 0) -> Solutions:
+    """Every joint vector within limits whose tool tip is at one of `poses` (K, 4, 4).
+
+    Closed form for spherical wrists and for three parallel axes; other arms (7 joints, offset
+    wrists) by seeded multi-start, which for 7 joints samples the free motion. Errors against
+    forward kinematics are at most 1e-9 m and rad. Where the wrist is singular, joint 4 is 0.
+    """
+    chain = chain_of(robot)
+    poses = np.asarray(poses, dtype=float).reshape(-1, 4, 4)
+    branches = _branches(chain, poses, seed)
+    rows: list[Array] = []
+    owner: list[int] = []
+    outside = np.zeros(len(poses), dtype=np.int64)
+    for k, found in enumerate(branches):
+        for q in found:
+            inside = wraps(q, chain.lower_rad, chain.upper_rad)
+            outside[k] += len(inside) == 0
+            rows += list(inside)
+            owner += [k] * len(inside)
+    return Solutions(
+        np.array(rows).reshape(-1, chain.num_joints),
+        np.array(owner, dtype=np.int64),
+        np.array([len(found) for found in branches], dtype=np.int64),
+        outside,
+    )
+
+
+def _branches(chain: Chain, poses: Array, seed: int) -> list[Array]:
+    """Distinct solutions of each pose, modulo full turns."""
+    solve = closed_form(chain)
+    if solve is None:
+        return [multi_start(chain, pose, _STARTS, seed + 7919 * k) for k, pose in enumerate(poses)]
+    q, found = solve(poses)
+    pose_index, branch_index = np.nonzero(found)
+    candidates = q[pose_index, branch_index]
+    # Near the edge of reach the cosines lose half their digits: a few Newton steps restore them.
+    error = np.max(np.abs(pose_error(poses[pose_index], chain.forward(candidates))), axis=1)
+    rough = error > 1e-11
+    exact = error <= TOLERANCE
+    if np.any(rough):
+        polished, arrived = converge(
+            chain, poses[pose_index[rough]], candidates[rough], iterations=12
+        )
+        candidates[rough] = np.where(arrived[:, None], polished, candidates[rough])
+        exact[rough] |= arrived
+    result = []
+    for k in range(len(poses)):
+        mine = candidates[(pose_index == k) & exact]
+        result.append(_distinct(mine))
+    return result
+
+
+def _distinct(q: Array) -> Array:
+    kept: list[Array] = []
+    for row in q:
+        row = (row + np.pi) % (2 * np.pi) - np.pi
+        gaps = [np.max(np.abs((row - other + np.pi) % (2 * np.pi) - np.pi)) for other in kept]
+        if not gaps or min(gaps) > 1e-6:
+            kept.append(row)
+    return np.array(kept).reshape(-1, q.shape[1])
+
+
+def wraps(q_rad: Array, lower_rad: Array, upper_rad: Array) -> Array:
+    """All q + 2πk (W, n) within [lower, upper]; a limit is met up to 1e-9 rad."""
+    options = []
+    for angle, low, high in zip(q_rad, lower_rad, upper_rad, strict=True):
+        least = int(np.ceil((low - angle - 1e-9) / (2 * np.pi)))
+        most = int(np.floor((high - angle + 1e-9) / (2 * np.pi)))
+        options.append([min(max(angle + 2 * np.pi * k, low), high) for k in range(least, most + 1)])
+    return np.array(list(itertools.product(*options))).reshape(-1, len(q_rad))
+
+
+#: How far the tip may advance between two points of one branch [m].
+_STEP_M = 0.004
+
+
+def follow_line(chain: Chain, q_rad: Array, offset_m: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Joint vectors along tip lines of constant orientation, by continuation.
+
+    `q_rad` (A, n) starts; `offset_m` (A, m, 3) displacements of the tip from its start, in the
+    order in which they are reached. Returns (A, m, n) and whether each line stayed on one branch
+    within limits and 1e-9 (A,). Between given points the tip advances by at most `_STEP_M`.
+    """
+    q = np.array(q_rad, dtype=float)
+    start = chain.forward(q)
+    count, points = offset_m.shape[:2]
+    result = np.empty((count, points, chain.num_joints))
+    good = np.ones(count, dtype=bool)
+    reached = np.zeros((count, 3))
+    for m in range(points):
+        move = offset_m[:, m] - reached
+        steps = max(1, int(np.ceil(np.max(np.linalg.norm(move, axis=1), initial=0.0) / _STEP_M)))
+        for s in range(1, steps + 1):
+            if not good.any():
+                break
+            goal = start.copy()
+            goal[:, :3, 3] += reached + move * (s / steps)
+            following, arrived = converge(chain, goal, q, iterations=15)
+            # A jump of more than 0.2 rad in 4 mm is another branch, not the same motion.
+            good &= arrived & (np.max(np.abs(following - q), axis=1, initial=0.0) < 0.2)
+            q = np.where(good[:, None], following, q)
+        reached = offset_m[:, m].copy()
+        result[:, m] = q
+        good &= np.all((q >= chain.lower_rad - 1e-9) & (q <= chain.upper_rad + 1e-9), axis=1)
+    return result, good

@@ -1,0 +1,1 @@
+"""Distances between a robot and its station, and the proof of clearance between knots."""

@@ -1,1 +1,0 @@
-"""Engines that measure one pair of convex pieces: coal and fcl behind one protocol."""

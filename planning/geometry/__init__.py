@@ -1,0 +1,1 @@
+"""Shapes and meshes: reading, checking, convex pieces, nearest points."""

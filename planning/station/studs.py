@@ -1,0 +1,312 @@
+"""Studs: the frozen type, and `studs.csv` with every fault by row."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmoc.arrays import Array, readonly
+from dmoc.errors import Fault, InputError
+
+REQUIRED = ("id", "x_m", "y_m", "z_m", "nx", "ny", "nz", "weld_time_s")
+OPTIONAL = ("spin_free", "group", "depart_x", "depart_y", "depart_z", "depart_m", "on")
+_TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
+_MOST_BYTES = 20_000_000
+
+
+@dataclass(frozen=True)
+class Departure:
+    """The station's default: `direction` (3,) world or None (the stud's normal), `length_m`."""
+
+    direction: Array | None = None
+    length_m: float = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Stud:
+    """A weld: the tip's target and the straight line on which the gun leaves it.
+
+    `position_m`, `normal`, `depart_direction` are (3,) in world axes, the last two unit vectors;
+    the normal points out of the part. With `spin_free` the tool may turn about the normal. `on`
+    names the obstacle that the stud sits on ("" if none).
+    """
+
+    id: str
+    position_m: Array
+    normal: Array
+    weld_time_s: float
+    group: str
+    depart_direction: Array
+    depart_m: float
+    spin_free: bool = True
+    on: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("position_m", "normal", "depart_direction"):
+            object.__setattr__(self, name, readonly(getattr(self, name), name, 1))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+
+def read_studs(path: Path, departure: Departure = Departure()) -> tuple[Stud, ...]:
+    """The studs of a CSV (`id,x_m,y_m,z_m,nx,ny,nz,weld_time_s` and optional columns).
+
+    Errors: `InputError` with the faults of all rows (code, line, column, value, legal, fix).
+    """
+    text = _text(path)
+    reader = csv.reader(io.StringIO(text, newline=""))
+    try:
+        rows = [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
+        raise InputError(
+            Fault(
+                "csv-syntax",
+                file=str(path),
+                line=reader.line_num,
+                value=str(error)[:120],
+                legal="comma-separated values",
+                fix="mend this line",
+            )
+        ) from error
+    rows = [(line, [cell.strip() for cell in row]) for line, row in rows if any(row)]
+    faults: list[Fault] = []
+    header = rows[0][1] if rows else []
+    _check_header(header, path, faults)
+    if faults:
+        raise InputError(faults)
+    studs: list[Stud] = []
+    seen: dict[str, int] = {}
+    for line, row in rows[1:]:
+        found = len(faults)
+        if len(row) != len(header):
+            faults.append(
+                Fault(
+                    "stud-row",
+                    file=str(path),
+                    line=line,
+                    value=f"{len(row)} cells",
+                    legal=f"{len(header)} cells",
+                    fix="one cell for each column",
+                )
+            )
+            continue
+        cells = dict(zip(header, row, strict=True))
+        stud = _stud(cells, departure, path, line, faults)
+        if cells["id"] in seen:
+            faults.append(
+                Fault(
+                    "stud-duplicate",
+                    file=str(path),
+                    line=line,
+                    field="id",
+                    value=cells["id"],
+                    legal=f"names used once (also on line {seen[cells['id']]})",
+                    fix="rename it",
+                )
+            )
+        seen[cells["id"]] = line
+        if len(faults) == found and stud is not None:
+            studs.append(stud)
+    if not studs and not faults:
+        faults.append(
+            Fault(
+                "studs-empty",
+                file=str(path),
+                value="no stud",
+                legal="at least one stud",
+                fix="add a row per stud",
+            )
+        )
+    if faults:
+        raise InputError(faults)
+    return tuple(studs)
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(
+                Fault(
+                    "file-large",
+                    file=str(path),
+                    value=f"{path.stat().st_size} bytes",
+                    legal=f"<= {_MOST_BYTES}",
+                    fix="split the station",
+                )
+            )
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            Fault(
+                "file-encoding",
+                file=str(path),
+                value=str(error)[:120],
+                legal="UTF-8 text",
+                fix="save it as UTF-8",
+            )
+        ) from error
+    except OSError as error:
+        raise InputError(
+            Fault(
+                "file-missing",
+                file=str(path),
+                field="studs",
+                value=path.name,
+                legal="an existing, readable file",
+                fix="check the name",
+            )
+        ) from error
+
+
+def _check_header(header: list[str], path: Path, faults: list[Fault]) -> None:
+    legal = ", ".join((*REQUIRED, *OPTIONAL))
+    for separator in (";", "\t"):
+        if len(header) == 1 and header[0].count(separator) >= len(REQUIRED) - 1:
+            faults.append(
+                Fault(
+                    "csv-separator",
+                    file=str(path),
+                    line=1,
+                    value=repr(separator),
+                    legal="commas between the columns, points in numbers",
+                    fix="export it with commas",
+                )
+            )
+            return
+    for name in REQUIRED:
+        if name not in header:
+            faults.append(
+                Fault(
+                    "csv-column",
+                    file=str(path),
+                    line=1,
+                    field=name,
+                    value="no such column",
+                    legal=legal,
+                    fix="add the column",
+                )
+            )
+    for name in sorted(set(header)):
+        if name not in (*REQUIRED, *OPTIONAL):
+            faults.append(
+                Fault(
+                    "csv-column",
+                    file=str(path),
+                    line=1,
+                    field=name,
+                    value=name,
+                    legal=legal,
+                    fix="remove the column or mend its name",
+                )
+            )
+        elif header.count(name) > 1:
+            faults.append(
+                Fault(
+                    "csv-column",
+                    file=str(path),
+                    line=1,
+                    field=name,
+                    value="given twice",
+                    legal="each column once",
+                    fix="remove one",
+                )
+            )
+
+
+def _stud(
+    cells: dict[str, str], departure: Departure, path: Path, line: int, faults: list[Fault]
+) -> Stud | None:
+    start = len(faults)
+
+    def refuse(column: str, value: str, legal: str, fix: str, code: str = "stud-value") -> None:
+        faults.append(
+            Fault(
+                code,
+                file=str(path),
+                line=line,
+                field=column,
+                value=value[:80],
+                legal=legal,
+                fix=fix,
+            )
+        )
+
+    def number(column: str, least: float, most: float) -> float:
+        text = cells.get(column, "")
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if not least <= value <= most:
+            fix = "write a number"
+            if column in ("x_m", "y_m", "z_m") and np.isfinite(value):
+                fix = "lengths are metres: divide millimetres by 1000"
+            elif text.count(",") == 1:
+                fix = "write a decimal point instead of the comma"
+            refuse(column, repr(text), f"a number from {least:g} to {most:g}", fix)
+            return np.nan
+        return value
+
+    if not 1 <= len(cells["id"]) <= 80 or not cells["id"].isprintable():
+        refuse("id", repr(cells["id"]), "a name of 1 to 80 printable characters", "name the stud")
+    position = np.array([number(name, -100, 100) for name in ("x_m", "y_m", "z_m")])
+    if np.any(np.abs(position) > 60):
+        refuse(
+            "x_m, y_m, z_m",
+            str(position),
+            "metres, at most 60",
+            "divide millimetres by 1000",
+            "stud-unit",
+        )
+    normal = np.array([number(name, -1e6, 1e6) for name in ("nx", "ny", "nz")])
+    weld_time = number("weld_time_s", 0, 1e5)
+    lengths = [cells.get(name, "") for name in ("depart_x", "depart_y", "depart_z")]
+    if any(lengths):
+        direction = np.array(
+            [number(name, -1e6, 1e6) for name in ("depart_x", "depart_y", "depart_z")]
+        )
+    else:
+        direction = normal if departure.direction is None else np.array(departure.direction)
+    depart_m = departure.length_m
+    if cells.get("depart_m"):
+        depart_m = number("depart_m", 1e-4, 1.0)
+    spin_text = cells.get("spin_free", "").lower()
+    if spin_text not in ("", *_TRUE, *_FALSE):
+        refuse("spin_free", repr(spin_text), "true or false", "write true or false")
+    if len(faults) > start:
+        return None
+    for column, vector in (("nx, ny, nz", normal), ("depart_x, depart_y, depart_z", direction)):
+        if np.linalg.norm(vector) < 1e-6:
+            refuse(column, str(vector), "a vector that is not zero", "give a direction")
+            return None
+    normal = normal / np.linalg.norm(normal)
+    direction = direction / np.linalg.norm(direction)
+    if normal @ direction <= 0.05:
+        refuse(
+            "depart_x, depart_y, depart_z",
+            str(direction.round(3)),
+            "a direction away from the part (positive along the normal)",
+            "turn the direction or the normal around",
+            "stud-departure",
+        )
+        return None
+    return Stud(
+        id=cells["id"],
+        position_m=position,
+        normal=normal,
+        weld_time_s=weld_time,
+        group=cells.get("group", ""),
+        depart_direction=direction,
+        depart_m=depart_m,
+        spin_free=spin_text not in _FALSE,
+        on=cells.get("on", ""),
+    )

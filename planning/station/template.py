@@ -1,0 +1,149 @@
+"""`dmoc init`: a commented station.yaml from a URDF, a part's mesh and a list of studs."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from dmoc.errors import DmocError, Fault, InputError
+from dmoc.robot.robot import Robot, available_robots, load_robot
+from dmoc.robot.xml_file import Element, read_xml
+from planning.geometry.mesh import UNITS, load_mesh
+from planning.station.build import load_station
+from planning.station.studs import read_studs
+
+
+def init_station(
+    urdf: str | Path, part: str | Path, studs: str | Path, out: str | Path, unit: str = "m"
+) -> Path:
+    """Write `out`/station.yaml with its inputs copied beside it, and return its path.
+
+    `urdf` may be the name of a robot of the package. `unit` is the part's mesh unit, m or mm.
+    Errors: `InputError`, `RobotError`, `MeshError` for inputs that cannot be used; nothing is
+    written then. An existing station.yaml is never overwritten.
+    """
+    part, studs, folder = Path(part), Path(studs), Path(out)
+    faults: list[Fault] = []
+    if unit not in UNITS:
+        faults.append(
+            Fault("unit", field="unit", value=unit, legal=", ".join(UNITS), fix="use m or mm")
+        )
+    if (folder / "station.yaml").exists():
+        faults.append(
+            Fault(
+                "init-exists",
+                file=str(folder / "station.yaml"),
+                value="the file is there",
+                legal="a folder without station.yaml",
+                fix="choose another folder",
+            )
+        )
+    robot: Robot | None = None
+    try:
+        robot = load_robot(urdf)
+    except DmocError as error:
+        faults += error.faults
+    for check in (
+        lambda: load_mesh(part.name, part.parent, "mm" if unit == "mm" else "m", str(part)),
+        lambda: read_studs(studs),
+    ):
+        try:
+            check()
+        except DmocError as error:
+            faults += error.faults
+    if faults or robot is None:
+        raise InputError(faults)
+    named = str(urdf) in available_robots()
+    folder.mkdir(parents=True, exist_ok=True)
+    _copy(part, folder / part.name)
+    _copy(studs, folder / "studs.csv")
+    if not named:
+        _copy_robot(robot.urdf, folder / "robot")
+    text = _TEMPLATE.format(
+        name="".join(c if c.isalnum() or c in "_.-" else "_" for c in folder.resolve().name),
+        robot=f"model: {urdf}" if named else f"urdf: robot/{robot.urdf.name}",
+        part=part.name,
+        unit=unit,
+        count=robot.num_joints,
+        body="part" if part.stem in _links(robot) or not part.stem.isidentifier() else part.stem,
+    )
+    target = folder / "station.yaml"
+    target.write_text(text, encoding="utf-8", newline="\n")
+    load_station(target)
+    return target
+
+
+def _links(robot: Robot) -> set[str]:
+    return {frame.name for frame in robot.model.frames}
+
+
+def _copy(source: Path, target: Path) -> None:
+    if source.resolve() != target.resolve():
+        shutil.copyfile(source, target)
+
+
+def _copy_robot(urdf: Path, folder: Path) -> None:
+    """The URDF, robot.yaml and the meshes that the URDF names, at the same relative places."""
+    names = {urdf.name, *_meshes(read_xml(urdf))}
+    if urdf.with_name("robot.yaml").is_file():
+        names.add("robot.yaml")
+    for name in sorted(names):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _copy(urdf.parent / name, target)
+
+
+def _meshes(element: Element) -> set[str]:
+    found = {child_name for child in element.children for child_name in _meshes(child)}
+    if element.tag == "mesh":
+        found.add(element.attributes.get("filename", "").removeprefix("package://"))
+    return found
+
+
+_TEMPLATE = """\
+# A station: one robot, its tool, what stands around it, and the welds. Metres, radians, kilograms.
+# Every path is relative to this file and inside its folder. Check it with: dmoc check station.yaml
+schema_version: 1
+name: {name}
+
+robot:
+  {robot}
+  # Where the robot stands (T_world_base); quaternions are x, y, z, w.
+  base: {{position_m: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}}
+
+tool:
+  # The tool in the flange frame: shapes, or mesh: FILE with unit: m|mm. The body that meets the
+  # part at a weld says touches: true. Inertia is about the centre of mass.
+  shapes:
+    - {{name: tool_tip, cylinder_m: [0.02, 0.1], pose: {{position_m: [0, 0, 0.05]}}, touches: true}}
+  mass_kg: 0
+  com_m: [0, 0, 0]
+  inertia_kg_m2: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]
+  # The tip's +Z points into the part.
+  tip: {{position_m: [0, 0, 0.1], quaternion_xyzw: [0, 0, 0, 1]}}
+
+payload_kg: 0
+
+obstacles:
+  # Meshes need their unit; primitives are box_m: [x, y, z], cylinder_m: [radius, length] or
+  # sphere_m: radius.
+  - {{name: {body}, mesh: {part}, unit: {unit}, pose: {{position_m: [0, 0, 0]}}}}
+
+# Columns id, x_m, y_m, z_m, nx, ny, nz, weld_time_s; optional spin_free, group, depart_x,
+# depart_y, depart_z, depart_m, on (the obstacle that the stud sits on). Normals point outwards.
+studs: studs.csv
+# Turns of the tool about a stud's axis that are tried.
+spin_steps: 12
+# How the tool leaves a weld unless studs.csv says otherwise: along the normal, or [x, y, z].
+departure: {{direction: normal, length_m: 0.03}}
+# {count} joint angles, or null for a closed cycle without a home pose.
+home_rad: null
+# Weld poses keep this distance and motions are optimised to keep it; the certificate proves that
+# nothing touches, with 2 mm to spare for the controller.
+clearance_m: 0.02
+# J = integral of time + effort * torque^2 + velocity * speed^2.
+cost: {{time: 1.0, effort: 1.0e-6, velocity: 1.0}}
+# Pairs of studs [before, after], and pairs of bodies that may touch.
+precedence: []
+allowed_collisions: []
+"""

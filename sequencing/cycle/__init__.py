@@ -1,0 +1,1 @@
+"""From a station to a cycle: the lazy search for order and poses, baseline, polish, placement."""

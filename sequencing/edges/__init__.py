@@ -1,0 +1,1 @@
+"""What a travel costs, as a bound, an estimate, or solved; workers and the store."""

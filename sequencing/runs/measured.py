@@ -1,0 +1,162 @@
+"""A controller's log against the plan: time, path, current and energy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmoc.arrays import Array
+from dmoc.robot.drive import drive_from_mapping, electrical_power_w
+from dmoc.errors import Fault, InputError
+from dmoc.physics.metrics import BUS_VOLTAGE_V, MotionState, motor_current_a, settled
+from dmoc.robot.robot import Robot
+from sequencing.runs.measured_log import ControllerLog, read_controller_log
+from sequencing.runs.folder import Run, read_run
+from sequencing.runs.clock import CycleTimeline
+
+# A joint that is faster than this moves [rad/s].
+MOVING_RAD_S = 0.01
+_FINE_S = 0.002
+
+
+def measured_against_plan(
+    log: Path | str, run_dir: Path | str, robot: Robot | None = None
+) -> dict[str, Any]:
+    """What the controller did, beside what was planned; plain numbers, lists and None.
+
+    The log is shifted in time to where its positions fit the plan best (a recording starts before
+    the motion). `time` compares how long the joints moved; `position` gives the largest and the
+    rms error of every joint [rad]; `current` the measured and the planned motor currents [A];
+    `energy` [J] over the log: the plan's electrical energy without and with base load, the log's
+    DC-side energy, and both readings of ΣI·V from measured currents. What the log does not hold,
+    or the robot has no drive for, is None.
+
+    Errors: `InputError` for a log or run that cannot be read, or of another robot (log-joints).
+    """
+    record = read_controller_log(log)
+    run = read_run(run_dir, robot)
+    joints = len(run.joint_names)
+    if record.q_rad.shape[1] != joints:
+        raise InputError(
+            Fault("log-joints", file=str(log), field=f"{record.source}_q",
+                  value=f"{record.q_rad.shape[1]} joints", legal=f"{joints} joints of the run",
+                  fix="compare a log with a run of the same robot")
+        )
+    line = run.timeline
+    shift = _shift(record, line)
+    times = record.t_s - shift
+    planned = _planned(line, times)
+    error = record.q_rad - planned
+    planned_s, logged_s = _moving_s(*_fine(line)), _moving_s(record.t_s, record.velocity_rad_s)
+    return {
+        "log": str(log), "run": run.name, "joints": joints, "samples": len(record.t_s),
+        "source": record.source, "shift_s": shift,
+        "time": {"planned_s": planned_s, "logged_s": logged_s,
+                 "difference_s": logged_s - planned_s},
+        "position": {"largest_rad": np.abs(error).max(axis=0).tolist(),
+                     "rms_rad": np.sqrt(np.mean(error**2, axis=0)).tolist()},
+        "current": _currents(record, run, line, times),
+        "energy": _energies(record, run, line, times),
+    }
+
+
+def _planned(line: CycleTimeline, times: Array) -> Array:
+    """Planned positions (K, n), at rest before the start and after the end."""
+    return np.asarray(line.at(np.clip(times, 0.0, line.duration_s)).q_rad)
+
+
+def _shift(record: ControllerLog, line: CycleTimeline) -> float:
+    """The time in the log at which the plan begins, by least squares of all joints."""
+    grid = np.arange(0.0, line.duration_s + _FINE_S, _FINE_S)
+    curve = _planned(line, grid)
+
+    def misfit(shift: float) -> float:
+        at = np.clip((record.t_s - shift) / _FINE_S, 0.0, len(grid) - 1.0)
+        low = np.minimum(at.astype(int), len(grid) - 2)
+        share = (at - low)[:, None]
+        q = (1.0 - share) * curve[low] + share * curve[low + 1]
+        return float(np.sum((record.q_rad - q) ** 2))
+
+    coarse = np.arange(-line.duration_s, record.duration_s, 0.02)
+    best = float(coarse[int(np.argmin([misfit(x) for x in coarse]))])
+    width = 0.02
+    for _ in range(8):
+        near = best + width * np.linspace(-1.0, 1.0, 9)
+        best = float(near[int(np.argmin([misfit(x) for x in near]))])
+        width *= 0.3
+    return best
+
+
+def _fine(line: CycleTimeline) -> tuple[Array, Array]:
+    times = np.arange(0.0, line.duration_s + 0.5 * _FINE_S, _FINE_S)
+    times = np.minimum(times, line.duration_s)
+    return times, np.asarray(line.at(times).velocity_rad_s)
+
+
+def _moving_s(t: Array, velocity: Array) -> float:
+    """Time from the first to the last sample at which a joint moves."""
+    moving = np.flatnonzero(np.abs(velocity).max(axis=1) > MOVING_RAD_S)
+    return float(t[moving[-1]] - t[moving[0]]) if moving.size else 0.0
+
+
+def _state(line: CycleTimeline, run: Run, times: Array) -> MotionState | None:
+    """Planned state at log times; None without robot. Standing still outside the plan."""
+    if run.robot is None:
+        return None
+    inside = (times >= 0.0) & (times <= line.duration_s)
+    state = line.at(np.clip(times, 0.0, line.duration_s), run.robot)
+    velocity, acceleration = np.array(state.velocity_rad_s), np.array(state.acceleration_rad_s2)
+    velocity[~inside], acceleration[~inside] = 0.0, 0.0
+    torque = np.array(state.torque_nm)
+    if not inside.all():
+        torque[~inside] = run.robot.gravity_torque_nm(state.q_rad[~inside])
+    return MotionState(settled(velocity), acceleration, acceleration, torque)
+
+
+def _currents(
+    record: ControllerLog, run: Run, line: CycleTimeline, times: Array
+) -> dict[str, Any] | None:
+    state = _state(line, run, times)
+    if record.current_a is None or state is None or run.robot is None or not run.robot.drive:
+        return None
+    drive = drive_from_mapping(run.robot.drive, run.robot.num_joints, run.robot.provenance)
+    planned = motor_current_a(drive, state)
+    error = record.current_a - planned
+    return {
+        "logged_rms_a": np.sqrt(np.mean(record.current_a**2, axis=0)).tolist(),
+        "planned_rms_a": np.sqrt(np.mean(planned**2, axis=0)).tolist(),
+        "difference_rms_a": np.sqrt(np.mean(error**2, axis=0)).tolist(),
+        "difference_largest_a": np.abs(error).max(axis=0).tolist(),
+    }
+
+
+def _energies(
+    record: ControllerLog, run: Run, line: CycleTimeline, times: Array
+) -> dict[str, float | None]:
+    report: dict[str, float | None] = dict.fromkeys(
+        ("planned_j", "planned_with_base_j", "planned_iv_signed_j", "planned_iv_absolute_j",
+         "logged_dc_j", "logged_iv_signed_j", "logged_iv_absolute_j")
+    )
+    t = record.t_s
+    state = _state(line, run, times)
+    if state is not None and run.robot is not None and run.robot.drive:
+        drive = drive_from_mapping(run.robot.drive, run.robot.num_joints, run.robot.provenance)
+        power = electrical_power_w(state.velocity, state.acceleration, state.torque, drive)
+        planned = float(np.trapezoid(power.sum(axis=1), t))
+        volts = BUS_VOLTAGE_V * motor_current_a(drive, state)
+        report |= {
+            "planned_j": planned,
+            "planned_with_base_j": planned + drive.base_power_w * record.duration_s,
+            "planned_iv_signed_j": float(np.trapezoid(volts.sum(axis=1), t)),
+            "planned_iv_absolute_j": float(np.trapezoid(np.abs(volts).sum(axis=1), t)),
+        }
+    if record.power_w is not None:
+        report["logged_dc_j"] = float(np.trapezoid(record.power_w, t))
+    if record.current_a is not None:
+        voltage = BUS_VOLTAGE_V if record.joint_voltage_v is None else record.joint_voltage_v
+        volts = voltage * record.current_a
+        report["logged_iv_signed_j"] = float(np.trapezoid(volts.sum(axis=1), t))
+        report["logged_iv_absolute_j"] = float(np.trapezoid(np.abs(volts).sum(axis=1), t))
+    return report

@@ -1,1 +1,0 @@
-"""The published studies, each as one function that returns its figures."""

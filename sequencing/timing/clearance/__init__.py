@@ -1,0 +1,1 @@
+"""Which pairs of path positions collide: maps, swept solids, and their verification."""

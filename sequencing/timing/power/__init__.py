@@ -1,0 +1,1 @@
+"""What robots draw along their paths, and what the DC link makes of it."""

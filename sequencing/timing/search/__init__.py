@@ -1,0 +1,1 @@
+"""Which start delays and overrides: windows, orders, swarm and gradients."""

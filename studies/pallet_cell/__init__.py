@@ -1,0 +1,1 @@
+"""Three robots around a pallet: schedules on one DC link."""
