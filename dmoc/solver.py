@@ -80,7 +80,7 @@ def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motio
     return Motion(
         status=solution.status, source="refined", trajectory=trajectory, cost=solution.cost,
         smoothing_cost=solution.smoothing_cost, iterations=solution.iterations,
-        max_defect=solution.max_defect,
+        max_defect=solution.max_defect, solver=solution.solver, planner="none", method="free",
     )  # fmt: skip
 
 

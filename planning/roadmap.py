@@ -37,6 +37,9 @@ LEAST_GROWTH = 1.2
 
 Planner = Literal["native", "ompl"]
 
+#: Who found a path; `none` where the straight segment is free.
+Finder = Literal["ompl", "compiled", "none"]
+
 
 @dataclass(frozen=True)
 class PathResult:
@@ -44,7 +47,7 @@ class PathResult:
 
     `status` is converged, in_collision (`pair` touches at the end that `note` names) or no_path
     (budget used up: `pair` was in the way most often; also with a limit violated, see `note`).
-    `checks` counts segment checks and `iterations` the planner's own.
+    `checks` counts segment checks and `iterations` the planner's own; `planner` says who found it.
     """
 
     status: Status
@@ -53,6 +56,7 @@ class PathResult:
     note: str = ""
     iterations: int = 0
     checks: int = 0
+    planner: Finder = "none"
 
 
 def plan_path(
@@ -116,8 +120,9 @@ def plan_path(
             for path in (short, found):
                 if prove_path(edge, path):
                     return PathResult(
-                        Status.CONVERGED, JointPath(path), iterations=iterations, checks=checks
-                    )
+                        Status.CONVERGED, JointPath(path), iterations=iterations, checks=checks,
+                        planner=search.name if search.iterations else "none",
+                    )  # fmt: skip
             step_m *= 0.5
         else:
             checks += search.checks
@@ -146,6 +151,8 @@ def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:
 
 class _Compiled:
     """One run of the compiled trees; counts what it asks."""
+
+    name: Finder = "compiled"
 
     def __init__(self, edge: EdgeClearance, scope: Scope, step_m: float) -> None:
         self.scene, self.robot = edge.world.scene, edge.world.robot
@@ -179,6 +186,8 @@ class _Compiled:
 
 class _Search:
     """One run of OMPL's RRTConnect; counts what it asks."""
+
+    name: Finder = "ompl"
 
     def __init__(self, edge: EdgeClearance, scope: Scope, step_m: float) -> None:
         self.edge, self.scene = edge, edge.world.scene

@@ -1,7 +1,7 @@
 """The `dmoc` command: parses arguments, runs one command, and turns faults into exit codes.
 
-Exit 0 done, 2 bad input (coded errors, no traceback), 3 no solution (with reasons), 130
-interrupted (finished work is kept).
+Exit 0 done, 1 compared runs differ, 2 bad input (coded errors, no traceback), 3 no solution (with
+reasons), 130 interrupted (finished work is kept).
 """
 
 from __future__ import annotations
@@ -257,15 +257,19 @@ def view(
 def compare(
     first: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
     second: Annotated[Path, typer.Argument(help="Folder of another finished run.")],
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Exit 1 where anything differs by more, relative above 1.", min=0.0),
+    ] = None,
     out: Out = None,
     json: Json = False,
     seed: Seed = 0,
 ) -> None:
-    """Compare the costs of two runs."""
+    """Compare two runs; with --tolerance, say what differs and exit 1."""
     from sequencing.commands.runs import run_compare
 
     del seed
-    _finish(json, lambda console: run_compare(console, first, second, out))
+    _finish(json, lambda console: run_compare(console, first, second, out, tolerance))
 
 
 @app.command()

@@ -188,7 +188,8 @@ def _motion_of(
         max_defect=entry["max_defect"], replay_error_rad=entry["replay_error_rad"],
         min_clearance_m=entry["min_clearance_m"],
         proven_clearance_m=entry.get("proven_clearance_m"), certified=entry["certified"],
-        note=entry["note"],
+        note=entry["note"], solver=entry.get("solver", ""), planner=entry.get("planner", ""),
+        method=entry.get("method", ""),
     )  # fmt: skip
     return CycleMotion(entry["key"], entry["from"], entry["to"], entry["kind"], motion)
 

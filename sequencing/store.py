@@ -24,7 +24,7 @@ __all__ = ["EdgeStore", "decode_motion", "encode_motion"]
 
 _SCALARS = (
     "cost", "smoothing_cost", "iterations", "max_defect", "replay_error_rad", "min_clearance_m",
-    "proven_clearance_m", "certified", "note",
+    "proven_clearance_m", "certified", "note", "solver", "planner", "method",
 )  # fmt: skip
 _ARRAYS = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
 
