@@ -1,8 +1,8 @@
 """The `dmoc` command: parses arguments, runs one command, and turns faults into exit codes.
 
-Exit 0 done, 2 bad input (coded errors, no traceback), 3 no solution (with reasons), 130
-interrupted (finished work is kept). Every command takes --seed, --out and --json: one that has
-no use for a seed accepts it all the same.
+Exit 0 done, 1 compared runs differ, 2 bad input (coded errors, no traceback), 3 no solution (with
+reasons), 130 interrupted (finished work is kept). Every command takes --seed, --out and --json: one
+that has no use for a seed accepts it all the same.
 """
 
 from __future__ import annotations
@@ -290,11 +290,15 @@ def compare(
     first: RunArgument,
     second: Annotated[Path, typer.Argument(help="Folder of another finished run.")],
     out: Path | None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Exit 1 where anything differs by more, relative above 1.", min=0.0),
+    ] = None,
 ) -> CommandResult:
-    """Compare the costs of two runs."""
+    """Compare two runs; with --tolerance, say what differs and exit 1."""
     from sequencing.commands.runs import run_compare
 
-    return run_compare(console, first, second, out)
+    return run_compare(console, first, second, out, tolerance)
 
 
 @command

@@ -21,7 +21,7 @@ from dmoc.refinement.iterate import (
     iterate_from_path,
     iterate_from_trajectory,
 )
-from dmoc.refinement.params import Method, RefineParams, Trace
+from dmoc.refinement.params import METHOD_NAMES, Method, RefineParams, Trace
 from dmoc.refinement.points import View, look, points_of
 from dmoc.refinement.steps import Stage, Step, demanded, take_step
 from dmoc.refinement.watch import repaired_stage, restart, watching
@@ -107,7 +107,7 @@ def _unconstrained(
         if certificate is None or not certificate.ok:
             break
     assert solution is not None
-    return _motion(problem, solution, certificate if solution.status.ok else None, used)
+    return _motion(problem, "none", solution, certificate if solution.status.ok else None, used)
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class _Loop:
             trust, outer, solution = descent.trust_rad, descent.outer, descent.solution
             used += descent.solver_iterations
             if solution is not None and iterate.cost > self.worth:
-                dear = _motion(self.problem, solution, None, used)
+                dear = _motion(self.problem, self.method, solution, None, used)
                 return dear.replace(note="dearer than a motion that is known")
             last = None
             if solution is None or self._wants_tight(solution):
@@ -179,7 +179,7 @@ class _Loop:
                 solution = last.solution
             elif solution.max_defect <= params.largest_defect or (last and last.accepted):
                 certificate = self.clearance.certify(iterate.trajectory(self.problem))
-            motion = _motion(self.problem, solution, certificate, used)
+            motion = _motion(self.problem, self.method, solution, certificate, used)
             if motion.certified or stage.repair >= params.repair_rounds:
                 return motion
             repaired = repaired_stage(stage, certificate)
@@ -290,7 +290,11 @@ class _Loop:
 
 
 def _motion(
-    problem: MotionProblem, solution: NlpSolution, certificate: Certificate | None, used: int
+    problem: MotionProblem,
+    method: Method,
+    solution: NlpSolution,
+    certificate: Certificate | None,
+    used: int,
 ) -> Motion:
     usable = bool(solution.status.ok)
     certified = bool(usable and certificate is not None and certificate.ok)
@@ -317,4 +321,6 @@ def _motion(
         proven_clearance_m=None if certificate is None else certificate.proven_clearance_m,
         certified=certified,
         note=note,
+        solver=solution.solver,
+        method=METHOD_NAMES[method],
     )

@@ -11,6 +11,9 @@ from dmoc.programme.types import SolveParams
 
 Method = Literal["halfspaces", "boxes", "none"]
 
+# What `Motion.method` says of a motion of each.
+METHOD_NAMES: dict[Method, str] = {"halfspaces": "half-spaces", "boxes": "boxes", "none": "free"}
+
 # The same optima as Ipopt's in a quarter of the time; Ipopt goes on where it gets stuck.
 SOLVER = "structured"
 

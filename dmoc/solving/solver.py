@@ -137,6 +137,9 @@ def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motio
         smoothing_cost=solution.smoothing_cost,
         iterations=solution.iterations,
         max_defect=solution.max_defect,
+        solver=solution.solver,
+        planner="none",
+        method="free",
     )
 
 

@@ -103,7 +103,8 @@ class PathResult:
     `status` is converged, in_collision (`pair` touches at the end that `note` names) or no_path
     (budget used up: `pair` was in the way most often; also with a limit violated, see `note`).
     `checks` counts segment checks and `iterations` the planner's own. `planner` is the one that
-    was there to be used; `note` says so where another one had been asked for.
+    found it (`none` where the straight segment is free); `note` says so where another one had been
+    asked for.
     """
 
     status: Status
@@ -112,7 +113,7 @@ class PathResult:
     note: str = ""
     iterations: int = 0
     checks: int = 0
-    planner: str = ""
+    planner: str = "none"
 
 
 def plan_path(
@@ -200,7 +201,7 @@ def plan_path(
                         instead,
                         iterations,
                         checks,
-                        planner,
+                        planner if search.iterations else "none",
                     )
             step_m *= 0.5
         else:

@@ -108,10 +108,11 @@ def edge_motion(
         start_line=None if origin is None or not origin.on else weld_line(station, origin),
         goal_line=None if target is None or not target.on else weld_line(station, target),
     )
-    guess = None
+    guess, guess_planner = None, "none"
     if job.screened is not None:
         screened = decode_motion(job.screened, station.robot)
-        guess = screened.trajectory if screened.source == "refined" else None
+        if screened.source == "refined":
+            guess, guess_planner = screened.trajectory, screened.planner
     return plan_motion(
         departure.problem,
         clearance,
@@ -120,6 +121,7 @@ def edge_motion(
         quality=job.quality,
         method=job.method,
         guess=guess,
+        guess_planner=guess_planner,
         free_guess=departure.guess,
     )
 
