@@ -60,12 +60,12 @@ study: $(STAMP_RUN)
 	$(BIN)/dmoc study stud-welding
 
 docs: $(STAMP_ALL)
-	$(BIN)/python docs/build.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Freeze what is installed in a fresh environment; CI and make install with these versions.
 lock: $(STAMP_ALL)
 	$(BIN)/python -m pip freeze --exclude-editable > $(CONSTRAINTS)
 
 clean:
-	rm -rf $(VENV) build dist runs docs/_site notebooks/_built .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build dist runs notebooks/_built .pytest_cache .mypy_cache .ruff_cache
 	find . -name "*.nb[ic]" -delete
