@@ -74,7 +74,7 @@ def with_departure(
 
 
 @dataclass(frozen=True)
-class Departure:
+class DepartureProblem:
     """A problem with its knots on the departure lines, and where its solve may start.
 
     `guess` is the obstacle-free optimum that the choice of the knots found, on the grid of
@@ -90,7 +90,7 @@ def best_departure(
     depart: LineFunction | None,
     arrive: LineFunction | None,
     num_intervals: int | None = None,
-) -> Departure:
+) -> DepartureProblem:
     """`with_departure` with the number of line knots per twenty intervals that costs least.
 
     With m of twenty a line takes m twentieths of the motion: one suits long motions, three or four
@@ -100,7 +100,7 @@ def best_departure(
     """
     num = problem.num_intervals if num_intervals is None else num_intervals
     if depart is None and arrive is None:
-        return Departure(problem.replace(num_intervals=num), None)
+        return DepartureProblem(problem.replace(num_intervals=num), None)
     trials: dict[int, MotionProblem] = {}
     found: dict[int, NlpSolution] = {}
 
@@ -123,4 +123,4 @@ def best_departure(
     chosen = with_departure(problem, depart, arrive, num, best * num_line_knots(num))
     solution = found[best]
     guess = prolonged(chosen, trials[best], solution) if solution.status.ok else None
-    return Departure(chosen, guess)
+    return DepartureProblem(chosen, guess)
