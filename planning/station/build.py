@@ -23,7 +23,7 @@ from planning.station.parts import build_obstacle, build_robot, build_tool
 from planning.station.schema import ObstacleEntry, RobotEntry, StationFile, ToolEntry, faults_of
 from planning.station.srdf import read_srdf
 from planning.station.station import Station
-from planning.station.studs import Departure, Stud, read_studs
+from planning.station.studs import DepartureDefault, Stud, read_studs
 
 #: A stud nearer than this to an obstacle sits on it [m].
 ON_PART_M = 0.05
@@ -155,12 +155,12 @@ class _Sections(InputFaults):
             return ()
         return self.attempt(field, lambda: read_srdf(file, known, links)) or ()
 
-    def _departure(self) -> Departure:
+    def _departure(self) -> DepartureDefault:
         from planning.station.schema import DepartureEntry
 
         entry = self._valid(DepartureEntry, self.tree.data.get("departure", {}))
         if entry is None or entry.direction == "normal":
-            return Departure(None, 0.03 if entry is None else entry.length_m)
+            return DepartureDefault(None, 0.03 if entry is None else entry.length_m)
         direction = np.array(entry.direction, dtype=float)
         if np.linalg.norm(direction) < 1e-6:
             self.refuse(("departure", "direction"))(
@@ -169,8 +169,8 @@ class _Sections(InputFaults):
                 "a vector that is not zero",
                 "give a direction, or normal",
             )
-            return Departure(None, entry.length_m)
-        return Departure(readonly(direction, "departure", 1), entry.length_m)
+            return DepartureDefault(None, entry.length_m)
+        return DepartureDefault(readonly(direction, "departure", 1), entry.length_m)
 
 
 def _placed(stud: Stud, obstacles: Sequence[Body], sections: _Sections) -> Stud:

@@ -107,7 +107,7 @@ def differences(a: Any, b: Any, tolerance: float, place: str = "") -> list[str]:
     if all(numbers):
         equal = a == b or abs(a - b) <= tolerance * max(1.0, abs(a), abs(b)) < np.inf
     else:
-        equal = a == b
+        equal = a == b and isinstance(a, bool) == isinstance(b, bool)
     return [] if equal else [f"{place}: {a!r} in a, {b!r} in b"]
 
 
