@@ -75,7 +75,7 @@ def with_departure(
 
 
 @dataclass(frozen=True)
-class Departure:
+class DepartureProblem:
     """A problem with its knots on the departure lines, and where its solve may start.
 
     `guess` is the obstacle-free optimum that the choice of the knots found, on the grid of
@@ -92,7 +92,7 @@ def best_departure(
     arrive: LineFunction | None,
     num_intervals: int | None = None,
     solver: str = DEFAULT_SOLVER,
-) -> Departure:
+) -> DepartureProblem:
     """`with_departure` with the number of line knots per twenty intervals that costs least.
 
     With m of twenty a line takes m twentieths of the motion: one suits long motions, three or four
@@ -102,7 +102,7 @@ def best_departure(
     """
     num = problem.num_intervals if num_intervals is None else num_intervals
     if depart is None and arrive is None:
-        return Departure(problem.replace(num_intervals=num), None)
+        return DepartureProblem(problem.replace(num_intervals=num), None)
     ranking = replace(RANKING, solver=solver)
     trials: dict[int, MotionProblem] = {}
     found: dict[int, NlpSolution] = {}
@@ -126,4 +126,4 @@ def best_departure(
     chosen = with_departure(problem, depart, arrive, num, best * num_line_knots(num))
     solution = found[best]
     guess = prolonged(chosen, trials[best], solution) if solution.status.ok else None
-    return Departure(chosen, guess)
+    return DepartureProblem(chosen, guess)
