@@ -10,8 +10,8 @@ schema_version: 1
 name: bracket
 robot:
   model: ur10e_class
-  q_lower_rad: [-3.15, -3.15, -3.15, -3.15, -3.15, -3.15]  # hoses allow one turn of each joint
-  q_upper_rad: [3.15, 3.15, 3.15, 3.15, 3.15, 3.15]
+  q_lower_rad: [-3.14, -3.14, -3.14, -3.14, -3.14, -3.14]  # hoses allow one turn of each joint
+  q_upper_rad: [3.14, 3.14, 3.14, 3.14, 3.14, 3.14]
 tool:
   shapes: [{name: tip, cylinder_m: [0.01, 0.1], pose: {position_m: [0, 0, 0.05]}, touches: true}]
   tip: {position_m: [0, 0, 0.1]}
