@@ -130,10 +130,36 @@ class Robot:
     def geometry(self) -> pin.GeometryModel:
         """The links' collision shapes at their joints, the base's placement included.
 
-        Tool and payload have no shape here. `geometryObjects[i].parentFrame` names the link.
+        Tool and payload have no shape here. `geometryObjects[i].parentFrame` names the link. Read
+        once and pickled with the robot: a worker that got it needs no file. Treat it as read-only.
         """
-        kind, folders = pin.GeometryType.COLLISION, [str(self.urdf.parent)]
-        return pin.buildGeomFromUrdf(self.model, str(self.urdf), kind, package_dirs=folders)
+        if "_geometry" not in self.__dict__:
+            kind, folders = pin.GeometryType.COLLISION, [str(self.urdf.parent)]
+            found = pin.buildGeomFromUrdf(self.model, str(self.urdf), kind, package_dirs=folders)
+            object.__setattr__(self, "_geometry", found)
+        return self.__dict__["_geometry"]
+
+    @property
+    def shape_fingerprint(self) -> str:
+        """sha256 of the links' collision shapes: sizes, triangles and places, no file names.
+
+        Dynamics don't see shapes, so `fingerprint` leaves them out.
+        """
+        digest = hashlib.sha256(repr(sorted(self.allowed_collisions)).encode())
+        for item in self.geometry().geometryObjects:
+            solid = item.geometry
+            link = self.model.frames[item.parentFrame].name
+            digest.update(f"{link}|{item.parentJoint}|{type(solid).__name__}".encode())
+            digest.update(item.placement.homogeneous.tobytes())
+            for size in ("halfSide", "radius", "halfLength"):
+                if hasattr(solid, size):
+                    digest.update(np.asarray(getattr(solid, size), dtype=float).tobytes())
+            if hasattr(solid, "num_tris"):
+                triangles = (solid.tri_indices(k) for k in range(solid.num_tris))
+                faces = [(t[0], t[1], t[2]) for t in triangles]
+                digest.update(np.ascontiguousarray(solid.vertices(), dtype=float).tobytes())
+                digest.update(np.array(faces, dtype=np.int64).tobytes())
+        return digest.hexdigest()
 
     def with_tool(self, tool: Tool) -> Robot:
         """This robot with `tool` on its flange instead of the present one."""
@@ -295,6 +321,8 @@ def _fingerprint(robot: Robot) -> str:
     digest = hashlib.sha256()
     for i in range(model.njoints):
         digest.update(model.joints[i].shortname().encode())
+        if hasattr(joint := model.joints[i].extract(), "axis"):  # the name says it of the others
+            digest.update(np.ascontiguousarray(joint.axis, dtype=float).tobytes())
         digest.update(np.ascontiguousarray(model.jointPlacements[i].homogeneous).tobytes())
         inertia = model.inertias[i]
         digest.update(np.float64(inertia.mass).tobytes() + inertia.lever.tobytes())
@@ -312,5 +340,7 @@ def _fingerprint(robot: Robot) -> str:
         digest.update(np.ascontiguousarray(vector, dtype=np.float64).tobytes())
     flange = model.frames[model.getFrameId(robot.flange)]
     digest.update(np.ascontiguousarray(flange.placement.homogeneous).tobytes())
+    if flange.parentJoint != model.njoints - 1:  # where it nearly always is
+        digest.update(f"flange on joint {flange.parentJoint}".encode())
     digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
     return digest.hexdigest()

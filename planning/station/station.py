@@ -30,18 +30,7 @@ def station_fingerprint(station: Station) -> str:
                 digest.update(repr(value).encode())
             digest.update(b"|")
 
-    add(station.robot.fingerprint, station.robot.flange)
-    geometry = station.robot.geometry()
-    for item in geometry.geometryObjects:
-        add(
-            item.parentFrame,
-            item.placement.homogeneous,
-            item.meshPath.rsplit("/", 1)[-1],
-            np.array(item.meshScale),
-            type(item.geometry).__name__,
-        )
-        item.geometry.computeLocalAABB()
-        add(np.array(item.geometry.aabb_local.min_), np.array(item.geometry.aabb_local.max_))
+    add(station.robot.fingerprint, station.robot.shape_fingerprint, station.robot.flange)
     for body in (*station.tool_bodies, *station.obstacles):
         add(body.name, body.pose, body.touches)
         for shape in (*body.shapes, *((body.mesh,) if body.mesh else ())):

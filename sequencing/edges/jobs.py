@@ -53,20 +53,24 @@ class EdgeKeys:
 
     def key(self, low: int, high: int, quality: Quality) -> str:
         """Of the edge between two nodes."""
-        digest = hashlib.sha256(f"{self.fingerprint}|{quality}|{self.seed}|".encode())
-        for node in (low, high):
-            digest.update(self._pose(node))
-            digest.update(self._line(self.stud(node)))
-        return digest.hexdigest()
+        return self._key(quality, self.ends(low, high))
 
     def key_between(self, item: Between, screened: bytes) -> str:
         """Of a motion between poses that are no nodes."""
-        digest = hashlib.sha256(f"{self.fingerprint}|between|{self.seed}|".encode())
-        for stud, q in ((item.origin, item.start_rad), (item.target, item.goal_rad)):
-            digest.update(np.ascontiguousarray(q, dtype=float).tobytes())
-            digest.update(self._line(stud))
-        digest.update(hashlib.sha256(screened).digest())
-        return digest.hexdigest()
+        return self._key("between", self.ends_between(item) + hashlib.sha256(screened).digest())
+
+    def ends(self, low: int, high: int) -> bytes:
+        """Poses and departure lines of the edge between two nodes."""
+        return b"".join(self._pose(v) + self._line(self.stud(v)) for v in (low, high))
+
+    def ends_between(self, item: Between) -> bytes:
+        """Poses and departure lines of a motion between poses that are no nodes."""
+        ends = ((item.origin, item.start_rad), (item.target, item.goal_rad))
+        return b"".join(np.array(q, dtype=float).tobytes() + self._line(stud) for stud, q in ends)
+
+    def _key(self, kind: str, ends: bytes) -> str:
+        head = f"{self.fingerprint}|{kind}|{self.seed}|".encode()
+        return hashlib.sha256(head + ends).hexdigest()
 
     def draws(self, pairs: np.ndarray) -> Array:
         """A random number (P,) for every pair, from the seed and its two ends alone."""
@@ -133,17 +137,35 @@ class EdgeJobs:
     def job(self, low: int, high: int, quality: Quality) -> EdgeJob:
         """Of the edge between two nodes; a final one starts from the screened motion."""
         keys, q = self.keys, self.keys.nodes.q_rad
-        key = keys.key(low, high, quality)
         screened = self.store.get(keys.key(low, high, "screen")) if quality == "final" else None
-        ends = (keys.stud(low), keys.stud(high))
-        return self._job(key, ends, (q[low], q[high]), quality, screened)
+        return EdgeJob(
+            context=self._context,
+            key=keys.key(low, high, quality),
+            origin=keys.stud(low),
+            target=keys.stud(high),
+            start_rad=tuple(q[low]),
+            goal_rad=tuple(q[high]),
+            quality=quality,
+            method=self.method,
+            screened=screened,
+            seed=self._seed(keys.ends(low, high)),
+        )
 
     def job_between(self, item: Between) -> EdgeJob:
         """Of a final motion between poses that are no nodes."""
         screened = encode_motion(item.like)
-        key = self.keys.key_between(item, screened)
-        ends = (item.origin, item.target)
-        return self._job(key, ends, (item.start_rad, item.goal_rad), "final", screened)
+        return EdgeJob(
+            context=self._context,
+            key=self.keys.key_between(item, screened),
+            origin=item.origin,
+            target=item.target,
+            start_rad=tuple(item.start_rad),
+            goal_rad=tuple(item.goal_rad),
+            quality="final",
+            method=self.method,
+            screened=screened,
+            seed=self._seed(self.keys.ends_between(item)),
+        )
 
     def solve(self, jobs: list[EdgeJob]) -> Iterator[EdgeResult]:
         """Results as they finish, stored and counted."""
@@ -157,27 +179,9 @@ class EdgeJobs:
         """Remove the workers' context file."""
         self._folder.cleanup()
 
-    def _job(
-        self,
-        key: str,
-        ends: tuple[str | None, str | None],
-        poses: tuple[Array, Array],
-        quality: Quality,
-        screened: bytes | None,
-    ) -> EdgeJob:
-        digest = hashlib.sha256(f"{self.keys.seed}|{key}".encode())
-        return EdgeJob(
-            context=self._context,
-            key=key,
-            origin=ends[0],
-            target=ends[1],
-            start_rad=tuple(poses[0]),
-            goal_rad=tuple(poses[1]),
-            quality=quality,
-            method=self.method,
-            screened=screened,
-            seed=int(digest.hexdigest()[:8], 16),
-        )
+    def _seed(self, ends: bytes) -> int:
+        """From the run's seed and the ends alone: another version plans by the same numbers."""
+        return int(hashlib.sha256(f"{self.keys.seed}|".encode() + ends).hexdigest()[:8], 16)
 
     def _results(self, jobs: list[EdgeJob]) -> Iterator[EdgeResult]:
         if self.executor is None:

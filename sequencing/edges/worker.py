@@ -8,6 +8,7 @@ import pickle
 import time
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import resources
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
@@ -29,8 +30,20 @@ from planning.station.studs import Stud
 from planning.welds.poses import departure_point, weld_line
 from sequencing.edges.store import decode_motion, encode_motion
 
-# Raised whenever a change of the code changes the motion that an edge gets.
-EDGE_VERSION = 6
+# Whose code decides what an edge gets: kernels, programme, planner, departure, this file.
+CODE = ("dmoc", "planning")
+LIBRARIES = (
+    "casadi",
+    "coal",
+    "llvmlite",
+    "numba",
+    "numpy",
+    "ompl",
+    "pin",
+    "python-fcl",
+    "scipy",
+    "toppra",
+)
 
 Quality = Literal["screen", "final"]
 NUM_INTERVALS: dict[Quality, int] = {"screen": 20, "final": 40}
@@ -129,22 +142,32 @@ def _line(station: Station, stud: Stud, q_rad: Array) -> LineFunction:
 
 
 def context_fingerprint(station: Station, method: str) -> str:
-    """sha256 of everything but the two ends that decides an edge: robot, shapes, cost, versions.
+    """sha256 of everything but the two ends that decides an edge: robot, shapes, cost, code.
 
-    The list of studs is not part of it: editing one stud leaves the edges of the others valid.
+    Shapes count by content. The list of studs is not part of it: editing one leaves the edges of
+    the others valid. Nor are the meshes behind the pieces: the second look reads those anew.
     """
     digest = hashlib.sha256()
-    digest.update(f"{EDGE_VERSION}|{method}|{station.cost!r}|{station.clearance_m!r}".encode())
+    digest.update(f"{method}|{station.cost!r}|{station.clearance_m!r}".encode())
     digest.update(repr((sorted(station.allowed_collisions), station.engine)).encode())
-    # By the name that the settings of a solve had when the first stores were written: what is in
-    # them stays found, and every edge keeps its seed.
-    settings = repr((RefineParams(), EdgeParams(), NUM_INTERVALS))
-    digest.update(settings.replace("SolveParams(", "IpoptParams(").encode())
-    for name in ("dmoc", "casadi", "pin", "coal", "ompl", "numba", "numpy", "scipy", "toppra"):
+    digest.update(repr((RefineParams(), EdgeParams(), NUM_INTERVALS)).encode())
+    for name in LIBRARIES:
         digest.update(f"{name}={_version(name)};".encode())
-    digest.update(station.robot.fingerprint.encode())
+    robot = station.robot
+    digest.update(f"{code_fingerprint()}{robot.fingerprint}{robot.shape_fingerprint}".encode())
     for body in (*station.tool_bodies, *station.obstacles):
         _digest_body(digest, body)
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=1)
+def code_fingerprint() -> str:
+    """sha256 of the source text of `CODE` and of this file: another text may give other motions."""
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for package in CODE:
+        root = Path(str(resources.files(package)))
+        for path in sorted(root.rglob("*.py")):
+            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 
@@ -160,6 +183,6 @@ def _digest_body(digest: hashlib._Hash, body: Body) -> None:
     digest.update(np.ascontiguousarray(body.pose).tobytes())
     for shape in body.shapes:
         digest.update(f"{shape.kind}{shape.size_m!r}".encode())
-        digest.update(np.ascontiguousarray(shape.pose).tobytes())
-        if shape.vertices_m is not None:
-            digest.update(np.ascontiguousarray(shape.vertices_m).tobytes())
+        for array in (shape.pose, shape.vertices_m, shape.faces):
+            if array is not None:
+                digest.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
