@@ -48,14 +48,26 @@ def link_bodies(robot: Robot) -> tuple[Mounted, ...]:
     joints: dict[str, int] = {}
     for item in geometry.geometryObjects:
         link = model.frames[item.parentFrame].name
-        shapes.setdefault(link, []).extend(_shapes(item, robot.urdf))
+        shapes.setdefault(link, []).extend(link_shapes(item, robot.urdf))
         joints[link] = int(item.parentJoint)
     return tuple(
         Mounted(Body(link, tuple(parts)), joints[link], np.eye(4)) for link, parts in shapes.items()
     )
 
 
-def _shapes(item: pin.GeometryObject, urdf: Path) -> tuple[Shape, ...]:
+def mesh_of(item: pin.GeometryObject) -> Shape | None:
+    """The triangles of a link's shape in the joint's frame, None for a primitive."""
+    solid = item.geometry
+    if not isinstance(solid, coal.BVHModelBase):
+        return None
+    vertices = np.array(solid.vertices(), dtype=float)
+    triangles = (solid.tri_indices(k) for k in range(solid.num_tris))
+    faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
+    return Shape("mesh", vertices_m=vertices, faces=faces, pose=item.placement.homogeneous)
+
+
+def link_shapes(item: pin.GeometryObject, urdf: Path) -> tuple[Shape, ...]:
+    """The primitive, or convex pieces over the mesh, of a link's shape in the joint's frame."""
     solid, pose = item.geometry, item.placement.homogeneous
     if isinstance(solid, coal.Box):
         return (Shape("box", tuple(2 * np.asarray(solid.halfSide)), pose=pose),)
@@ -63,11 +75,11 @@ def _shapes(item: pin.GeometryObject, urdf: Path) -> tuple[Shape, ...]:
         return (Shape("sphere", (solid.radius,), pose=pose),)
     if isinstance(solid, coal.Cylinder):
         return (Shape("cylinder", (solid.radius, 2 * solid.halfLength), pose=pose),)
-    if isinstance(solid, coal.BVHModelBase):
-        vertices = np.array(solid.vertices(), dtype=float)
-        triangles = (solid.tri_indices(k) for k in range(solid.num_tris))
-        faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-        pieces = _link_pieces(vertices.tobytes(), faces.tobytes())
+    mesh = mesh_of(item)
+    if mesh is not None:
+        assert mesh.vertices_m is not None
+        assert mesh.faces is not None
+        pieces = _link_pieces(mesh.vertices_m.tobytes(), mesh.faces.tobytes())
         return tuple(replace(piece, pose=pose) for piece in pieces)
     raise RobotError(
         Fault(

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
-from collections.abc import Iterator
-from concurrent.futures import Executor, Future, as_completed
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections import deque
+from collections.abc import Iterator, Sized
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dmoc.arrays import Array
+from dmoc.errors import Fault, ProblemError
 from dmoc.motion.motion import Motion
+from dmoc.motion.status import Status
 from dmoc.refinement.params import Method
 from planning.station.station import Station
 from sequencing.edges.nodes import HOME, StationNodes
@@ -21,10 +22,13 @@ from sequencing.edges.worker import (
     EdgeJob,
     EdgeResult,
     Quality,
+    bundle_of,
     context_fingerprint,
     solve_edge,
-    write_context,
 )
+
+# Edges that are handed out at once: a worker more than it can do, and all together.
+PER_WORKER, MOST_FLYING = 4, 64
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,9 @@ class EdgeCounts:
 class EdgeJobs:
     """Makes the jobs of a station and solves them in `executor`, or here without one.
 
-    Every result is in the store before it is handed on. `close` removes the workers' context.
+    Every result is in the store before it is handed on. A worker that is killed costs the time of
+    the edges in flight: they are solved again, one at a time, in fresh workers, and one that kills
+    its worker once more is `lost`: it has no motion in this run, and is not stored.
     """
 
     def __init__(
@@ -131,8 +137,8 @@ class EdgeJobs:
     ) -> None:
         self.keys, self.store, self.method, self.executor = keys, store, method, executor
         self.counts = EdgeCounts()
-        self._folder = tempfile.TemporaryDirectory(prefix="dmoc-")
-        self._context = write_context(keys.station, Path(self._folder.name))
+        self.lost: dict[str, Motion] = {}
+        self._context, self._bundle = bundle_of(keys.station)
 
     def job(self, low: int, high: int, quality: Quality) -> EdgeJob:
         """Of the edge between two nodes; a final one starts from the screened motion."""
@@ -167,17 +173,18 @@ class EdgeJobs:
             seed=self._seed(self.keys.ends_between(item)),
         )
 
-    def solve(self, jobs: list[EdgeJob]) -> Iterator[EdgeResult]:
-        """Results as they finish, stored and counted."""
+    def solve(self, jobs: list[EdgeJob]) -> Iterator[str]:
+        """Keys as their edges are solved, stored and counted."""
         for result in self._results(jobs):
-            self.store.put(result.key, result.payload)
+            if result.payload is not None:
+                self.store.put(result.key, result.payload)
             self.counts.solved += 1
             self.counts.cpu_s += result.cpu_s
-            yield result
+            yield result.key
 
-    def close(self) -> None:
-        """Remove the workers' context file."""
-        self._folder.cleanup()
+    def motion(self, key: str) -> Motion | None:
+        """What is known of an edge: from the store, or that it was lost."""
+        return self.lost.get(key) or self.store.motion(key, self.keys.station.robot)
 
     def _seed(self, ends: bytes) -> int:
         """From the run's seed and the ends alone: another version plans by the same numbers."""
@@ -185,12 +192,63 @@ class EdgeJobs:
 
     def _results(self, jobs: list[EdgeJob]) -> Iterator[EdgeResult]:
         if self.executor is None:
-            yield from map(solve_edge, jobs)
+            yield from (solve_edge(replace(job, bundle=self._bundle)) for job in jobs)
             return
-        futures: list[Future[EdgeResult]] = [self.executor.submit(solve_edge, job) for job in jobs]
+        waiting, suspects = deque(jobs), deque[EdgeJob]()
+        flying: dict[Future[EdgeResult], EdgeJob] = {}
+        alone = False  # one suspect is being tried by itself
         try:
-            for future in as_completed(futures):
-                yield future.result()
+            while waiting or suspects or flying:
+                try:
+                    while (suspects and not flying) or (waiting and self._room(flying, alone)):
+                        alone = bool(suspects)
+                        job = (suspects or waiting)[0]
+                        flying[self.executor.submit(solve_edge, job)] = job
+                        (suspects or waiting).popleft()
+                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                        result, job = future.result(), flying.pop(future)
+                        if result.payload is None:  # that worker has not seen the station
+                            waiting.appendleft(replace(job, bundle=self._bundle))
+                        else:
+                            yield result
+                    alone = alone and bool(flying)
+                except BrokenExecutor as error:
+                    broken = list(flying.values())
+                    flying.clear()
+                    self._renew(broken, error)
+                    if alone and broken:
+                        yield self._give_up(broken[0])
+                    else:
+                        suspects += [replace(job, bundle=self._bundle) for job in broken]
+                    alone = False
         finally:
-            for future in futures:
+            for future in flying:
                 future.cancel()
+
+    def _room(self, flying: Sized, alone: bool) -> bool:
+        """Few edges are handed out at once, so that few are suspect when a worker dies."""
+        workers = getattr(self.executor, "_max_workers", None) or MOST_FLYING // PER_WORKER
+        return not alone and len(flying) < min(MOST_FLYING, PER_WORKER * workers)
+
+    def _renew(self, broken: list[EdgeJob], error: BrokenExecutor) -> None:
+        renew = getattr(self.executor, "renew", None)
+        if renew is None:
+            ends = ", ".join(f"{job.origin or HOME} → {job.target or HOME}" for job in broken)
+            raise ProblemError(
+                Fault(
+                    "workers-gone",
+                    field="executor",
+                    value=f"{error}; in flight: {ends}"[:400],
+                    legal="workers that stay, or an executor with `renew`",
+                    fix="run again: finished edges are kept",
+                )
+            ) from error
+        renew()
+
+    def _give_up(self, job: EdgeJob) -> EdgeResult:
+        """An edge that has killed its worker twice."""
+        note = f"{job.origin or HOME} → {job.target or HOME} killed its worker twice"
+        self.lost[job.key] = Motion(
+            Status.NUMERICAL_FAILURE, "fallback", None, float("inf"), note=note
+        )
+        return EdgeResult(job.key, None, 0.0)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
+import threading
 import time
+import zlib
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -45,16 +47,18 @@ LIBRARIES = (
     "toppra",
 )
 
+T = TypeVar("T")
 Quality = Literal["screen", "final"]
 NUM_INTERVALS: dict[Quality, int] = {"screen": 20, "final": 40}
 
 
 @dataclass(frozen=True)
 class EdgeJob:
-    """What a worker needs: the context file (a station), the two ends, quality and seed.
+    """What a worker needs: the station, the two ends, quality and seed; no file of anybody's.
 
-    `origin` and `target` are stud ids, None for home. `start_rad` and `goal_rad` (n,) as tuples.
-    `screened` is the screening motion that a final solve starts from.
+    `context` names the station by the sha256 of `bundle`, its bytes, which a worker must be given
+    once (None: it has them). `origin` and `target` are stud ids, None for home. `start_rad` and
+    `goal_rad` (n,) as tuples. `screened` is the screening motion that a final solve starts from.
     """
 
     context: str
@@ -67,42 +71,72 @@ class EdgeJob:
     method: Method
     seed: int
     screened: bytes | None = None
+    bundle: bytes | None = None
 
 
 @dataclass(frozen=True)
 class EdgeResult:
-    """Key, encoded motion, and the CPU seconds that it took (reported, never stored)."""
+    """Key, encoded motion, and the CPU seconds that it took (reported, never stored).
+
+    Without a payload the worker lacks the station: send the job again with its bundle.
+    """
 
     key: str
-    payload: bytes
+    payload: bytes | None
     cpu_s: float
 
 
-def write_context(station: Station, folder: Path) -> str:
-    """Write the station for the workers; returns the path. The file lives as long as the run."""
-    path = folder / f"context-{station.fingerprint[:16]}-{os.getpid()}.pickle"
-    path.write_bytes(pickle.dumps(station))
-    return str(path)
+def bundle_of(station: Station) -> tuple[str, bytes]:
+    """A station's bytes for workers, and their name."""
+    bundle = zlib.compress(pickle.dumps(station), 1)
+    return hashlib.sha256(bundle).hexdigest(), bundle
 
 
-@lru_cache(maxsize=2)
-def _context(path: str) -> tuple[Station, CollisionWorld, dict[str, Stud]]:
-    # Only files written by `write_context` of the same run are read here.
-    station: Station = pickle.loads(Path(path).read_bytes())
-    world = CollisionWorld(station)
-    # Workers that start together on a fresh machine share the compilation of the kernels.
-    warm_up(world, reverse=os.getpid() % 2 == 1)
-    return station, world, {stud.id: stud for stud in station.studs}
+Context = tuple[Station, CollisionWorld, dict[str, Stud]]
+MOST_CONTEXTS = 2
+_bundles: dict[str, bytes] = {}
+_of_thread = threading.local()
+# Worlds are one a thread, but compiled programmes keep workspace for the whole process.
+_turn = threading.Lock()
+
+
+def _context(job: EdgeJob) -> Context | None:
+    """Station and world of a job in this thread; None where nobody sent the station yet."""
+    known: dict[str, Context] = _of_thread.__dict__.setdefault("known", {})
+    if job.context not in known:
+        if job.bundle is not None:
+            _keep(_bundles, job.context, job.bundle)
+        if job.context not in _bundles:
+            return None
+        # Only what `bundle_of` made: it comes the way of the job, which the executor pickles.
+        station: Station = pickle.loads(zlib.decompress(_bundles[job.context]))
+        world = CollisionWorld(station)
+        # Workers that start together on a fresh machine share the compilation of the kernels.
+        warm_up(world, reverse=os.getpid() % 2 == 1)
+        _keep(known, job.context, (station, world, {stud.id: stud for stud in station.studs}))
+    return known[job.context]
+
+
+def _keep(kept: dict[str, T], name: str, value: T) -> None:
+    kept[name] = value
+    while len(kept) > MOST_CONTEXTS:
+        del kept[next(iter(kept))]
 
 
 def solve_edge(job: EdgeJob) -> EdgeResult:
-    """Plan and refine the motion of a job. Expected failure is a status of the motion."""
-    began = time.process_time()
-    station, world, studs = _context(job.context)
-    motion = edge_motion(station, world, studs, job)
-    if job.quality == "final" and motion.trajectory is not None:
-        motion = replay_motion(motion, station.cost)
-    return EdgeResult(job.key, encode_motion(motion), time.process_time() - began)
+    """Plan and refine the motion of a job. Expected failure is a status of the motion.
+
+    Threads of one process take turns.
+    """
+    with _turn:
+        began = time.process_time()
+        context = _context(job)
+        if context is None:
+            return EdgeResult(job.key, None, 0.0)
+        motion = edge_motion(*context, job)
+        if job.quality == "final" and motion.trajectory is not None:
+            motion = replay_motion(motion, context[0].cost)
+        return EdgeResult(job.key, encode_motion(motion), time.process_time() - began)
 
 
 def edge_motion(

@@ -30,7 +30,13 @@ from dmoc.motion.status import Status
 from sequencing.cycle_types import Cycle, CycleCost, CycleMotion, Weld
 from sequencing.runs.tables import tables_markdown
 from sequencing.runs.archive import json_text, npz_bytes, sha256_of, write_atomic
-from sequencing.runs.result import SCHEMA_VERSION, RunResult, result_of, result_of_motions
+from sequencing.runs.result import (
+    SCHEMA_VERSION,
+    RunResult,
+    input_hashes,
+    result_of,
+    result_of_motions,
+)
 from sequencing.runs.clock import CycleTimeline, timeline
 
 def station_of(run: Run) -> Station:
@@ -44,7 +50,9 @@ def station_of(run: Run) -> Station:
         station = (
             load_station(candidate) if isinstance(candidate, Path) else demo_station(candidate)
         )
-        if station.fingerprint == wanted:
+        # A run of before hashed its station in another way: then its files decide.
+        files = run.result["inputs"].get("files")
+        if station.fingerprint == wanted or (files and input_hashes(station) == files):
             return station
         value = "the station has changed since the run"
     raise InputError(

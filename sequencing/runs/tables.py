@@ -59,6 +59,14 @@ def headline(result: Result) -> str:
             f"{number(polish['cost_before'])} → {number(polish['cost_after'])}, "
             f"{number(polish['saving_percent'], 2)} % more. The gaps speak of the cycle before."
         )
+    look = result.get("second_look")
+    if look is not None:
+        text += (
+            f"\n\nSecond look: {look['engine']} finds {look['contacts']} contacts in "
+            f"{look['motions']} motions at {look['configurations']} configurations, with the "
+            "convex pieces and with the original meshes."
+        )
+        text += "".join(f" Refused on the way: {entry}." for entry in look["refused"])
     text += shortfalls(result)
     for entry in result["unreachable"]:
         text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
