@@ -117,8 +117,8 @@ class Library:
     path: Path
 
     def ready(self) -> bool:
-        """Whether the compiled form is on disk."""
-        return self.path.is_file() and _seal(self.path).is_file()
+        """Whether the compiled form is on disk, where nobody else can have put it."""
+        return all(_is_ours(path) for path in (self.path.parent, self.path, _seal(self.path)))
 
     def load(self) -> tuple[ca.Function, ...] | None:
         """The compiled functions, or None if they are missing, damaged or of another machine."""
@@ -207,7 +207,7 @@ def backend_report() -> BackendReport:
         backend_mode(),
         find_compiler(),
         folder,
-        os.access(nearest, os.W_OK),
+        os.access(nearest, os.W_OK) and (nearest != folder or _is_ours(folder)),
         len(list(folder.glob("*.so"))) if folder.is_dir() else 0,
     )
 
@@ -223,7 +223,9 @@ def compile_library(source: Path, target: Path, compiler: str) -> bool:
         except BlockingIOError:
             source.unlink(missing_ok=True)
             return False
-        handle, name = tempfile.mkstemp(suffix=".tmp", dir=target.parent)
+        for left in target.parent.glob(f"{target.stem}.*.tmp"):
+            left.unlink(missing_ok=True)  # of a compiler that was killed
+        handle, name = tempfile.mkstemp(".tmp", f"{target.stem}.", target.parent)
         os.close(handle)
         fresh = Path(name)
         command = [compiler, *FLAGS, "-o", str(fresh), str(source), "-lm"]
@@ -233,9 +235,11 @@ def compile_library(source: Path, target: Path, compiler: str) -> bool:
             )
             if done.returncode == 0:
                 seal = hashlib.sha256(fresh.read_bytes()).hexdigest()
+                os.chmod(fresh, 0o600)  # whatever the umask leaves to others
                 os.replace(fresh, target)
                 draft = fresh.with_suffix(".seal")
                 draft.write_text(seal)
+                os.chmod(draft, 0o600)
                 os.replace(draft, _seal(target))
             return done.returncode == 0
         except (subprocess.TimeoutExpired, OSError):
@@ -249,6 +253,15 @@ def _seal(path: Path) -> Path:
     return path.with_suffix(".sha256")
 
 
+def _is_ours(path: Path) -> bool:
+    """Whether a file or folder is this user's and nobody else can write it: its code is run."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return False
+    return found.st_uid == os.geteuid() and not found.st_mode & 0o022 and not path.is_symlink()
+
+
 def _is_sound(path: Path) -> bool:
     """Whether the library is byte for byte what the compiler wrote; loading half of one crashes."""
     try:
@@ -259,10 +272,10 @@ def _is_sound(path: Path) -> bool:
 
 def _make_folder(folder: Path) -> bool:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError:
         return False
-    return os.access(folder, os.W_OK)
+    return os.access(folder, os.W_OK) and _is_ours(folder)
 
 
 def _write_source(functions: tuple[ca.Function, ...], folder: Path) -> Path | None:

@@ -257,8 +257,7 @@ def _best_cycle(
             callback=show,
         )
         if not result.tour.found:
-            why = [_why_no_cycle(oracle, result), *looks.refused]
-            raise NoCycle({"cycle": "; ".join(why)})
+            raise NoCycle({"cycle": "; ".join([_why_no_cycle(oracle, result), *looks.refused])})
         tell(PlanEvent("final motions", None, result.tour.cost, result.conditional_gap))
         executed, failed = execute(oracle, result.tour)
         judged = zip(executed.pairs, looks.judged(executed.motions))

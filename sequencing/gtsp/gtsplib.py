@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from dmoc.errors import DmocError, Fault, InputError
+from dmoc.input_file import content_of
 from sequencing.gtsp.problem import GtspProblem
 
 
@@ -124,7 +125,7 @@ class _File:
         self.header: dict[str, tuple[str, int]] = {}
         self.sections: dict[str, list[tuple[str, int]]] = {}
         try:
-            text = path.read_text(encoding="utf-8")
+            text = content_of(path).decode("utf-8")
         except OSError as error:
             raise InputError(
                 Fault("gtsp-file", file=str(path), value=str(error.strerror), legal="a file")

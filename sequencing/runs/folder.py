@@ -21,7 +21,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 import pinocchio as pin
-from dmoc.arrays import Array
+from dmoc.arrays import Array, arrays_of
+from dmoc.input_file import content_of
 from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.errors import Fault, InputError, RobotError
 from dmoc.motion.motion import Motion
@@ -277,8 +278,10 @@ def _read_motions(folder: Path, result: Mapping[str, Any]) -> dict[str, Array]:
                   legal="the motions.npz that was written with result.json",
                   fix="plan the station again; finished edges are read from the store")
         )
-    with np.load(path, allow_pickle=False) as archive:
-        return {key: archive[key] for key in archive.files}
+    try:
+        return arrays_of(content_of(path))
+    except ValueError as error:
+        raise _damaged(path, error) from error
 
 
 def _motion_of(

@@ -1,5 +1,6 @@
 """The cache of compiled stage functions: same bits, and every way a file can be bad."""
 
+import os
 import stat
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -161,3 +162,39 @@ def test_report_names_the_folder(cache) -> None:
     assert report.folder == cache
     assert report.mode == "c"
     assert report.libraries == 0
+
+
+@needs_compiler
+@pytest.mark.parametrize("thing", ["folder", "library", "seal"])
+@pytest.mark.parametrize("fault", ["others can write", "another owner", "a link"])
+def test_what_others_could_have_planted_is_not_loaded(cache, tmp_path, thing, fault) -> None:
+    """A library is code: root ran one that somebody else had put into a folder for all."""
+    library = library_for(small_functions())
+    library.start(wait=True)
+    assert library.load() is not None
+    path = {
+        "folder": cache,
+        "library": library.path,
+        "seal": library.path.with_suffix(".sha256"),
+    }[thing]
+    if fault == "others can write":
+        path.chmod(path.stat().st_mode | stat.S_IWOTH)
+    elif fault == "another owner":
+        if os.geteuid() != 0:
+            pytest.skip("only root can give a file away")
+        os.chown(path, 65534, 65534)
+    else:
+        path.rename(tmp_path / "elsewhere")
+        path.symlink_to(tmp_path / "elsewhere")
+    assert library.load() is None
+    if thing == "folder":
+        assert not backend_report().writable
+        before = sorted(cache.iterdir())
+        library_for([small_functions()[0].wrap()]).start(wait=True)
+        assert sorted(cache.iterdir()) == before
+
+
+@needs_compiler
+def test_a_new_cache_folder_is_ours_alone(cache) -> None:
+    library_for(small_functions()).start(wait=True)
+    assert stat.S_IMODE(cache.stat().st_mode) == 0o700
