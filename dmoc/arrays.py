@@ -100,3 +100,13 @@ def _array_of(data: bytes) -> npt.NDArray[Any]:
     if kind.hasobject or count * kind.itemsize != len(data) - stream.tell():
         raise ValueError("an array of objects, or one that is longer than its bytes")
     return npy.read_array(io.BytesIO(data), allow_pickle=False)
+
+
+class StaysReadonly:
+    """A frozen type whose arrays come back read-only from a pickle."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)

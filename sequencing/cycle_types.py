@@ -9,6 +9,7 @@ import numpy as np
 
 from dmoc.arrays import Array, readonly
 from dmoc.motion.motion import Motion
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.station.station import Station
 from sequencing.gtsp.problem import Tour
 
@@ -221,6 +222,7 @@ class Cycle:
     unreachable: tuple[tuple[str, str], ...]
     polish: Polish | None = None
     second_look: Look | None = None
+    solver: str = DEFAULT_SOLVER
 
     @property
     def duration_s(self) -> float:

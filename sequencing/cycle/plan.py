@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
 from dmoc.motion.motion import Motion
 from dmoc.motion.status import Status
-from dmoc.refinement.params import Method
+from dmoc.refinement.params import method_named
+from dmoc.solving.solvers import DEFAULT_SOLVER, require_solver
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
@@ -105,7 +105,8 @@ def plan_station(
     station: Station,
     *,
     seed: int = 0,
-    method: Method = "halfspaces",
+    method: str = "half-spaces",
+    solver: str = DEFAULT_SOLVER,
     stop: PlanStop | None = None,
     executor: Executor | None = None,
     store: EdgeStore | Path | str | None = None,
@@ -118,36 +119,29 @@ def plan_station(
     generalised TSP → final motions at N = 40, certified between the knots → comparison with
     sequences of least travel time. `executor` runs the edges (None: in this process); the result
     is the same, byte for byte, whatever it is. `store` keeps solved edges for the next run
-    (a path is opened and closed again).
+    (a path is opened and closed again). `method` keeps motions free of collisions, `half-spaces`
+    or `boxes`; `solver` is a name of `dmoc.solving.solvers.SOLVERS`.
     `polish` turns the tool of every weld continuously afterwards, for the whole cycle; it never
     makes it dearer, and the gaps keep speaking of the cycle before.
 
     Raises `NoCycle` when no stud has an alternative or no cycle joins those that have one.
     """
     settings, tell = stop or PlanStop(), progress or (lambda event: None)
+    method = method_named(method)
+    require_solver(solver, "solver")
     if not isinstance(store, EdgeStore):
         with EdgeStore(store or ":memory:") as opened:
             return plan_station(
                 station,
                 seed=seed,
                 method=method,
+                solver=solver,
                 stop=stop,
                 executor=executor,
                 store=opened,
                 progress=progress,
                 polish=polish,
             )
-    if method not in ("halfspaces", "boxes"):
-        raise ProblemError(
-            Fault(
-                "method",
-                field="method",
-                value=repr(method),
-                legal="halfspaces, boxes",
-                fix="choose one of them",
-            )
-        )
-
     tell(PlanEvent("alternatives"))
     world = CollisionWorld(station)
     check_home(station, world)
@@ -167,6 +161,7 @@ def plan_station(
         store,
         seed=seed,
         method=method,
+        solver=solver,
         executor=executor,
         progress=lambda event: tell(PlanEvent("edges", event)),
     )
@@ -208,6 +203,7 @@ def plan_station(
         unreachable=unreachable,
         polish=polished,
         second_look=looks.report(motions),
+        solver=solver,
     )
 
 

@@ -15,6 +15,7 @@ from dmoc.errors import Fault, ProblemError
 from dmoc.motion.motion import Motion
 from dmoc.motion.status import Status
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.station.station import Station
 from sequencing.edges.nodes import HOME, StationNodes
 from sequencing.edges.store import EdgeStore, encode_motion
@@ -51,9 +52,17 @@ class EdgeKeys:
     Studs elsewhere are no part of it: editing one leaves the edges of the others valid.
     """
 
-    def __init__(self, station: Station, nodes: StationNodes, method: Method, seed: int) -> None:
+    def __init__(
+        self,
+        station: Station,
+        nodes: StationNodes,
+        method: Method,
+        seed: int,
+        solver: str = DEFAULT_SOLVER,
+    ) -> None:
         self.station, self.nodes, self.seed = station, nodes, seed
-        self.fingerprint = context_fingerprint(station, method)
+        self.method, self.solver = method, solver
+        self.fingerprint = context_fingerprint(station, method, solver)
 
     def key(self, low: int, high: int, quality: Quality) -> str:
         """Of the edge between two nodes."""
@@ -132,10 +141,8 @@ class EdgeJobs:
     its worker once more is `lost`: it has no motion in this run, and is not stored.
     """
 
-    def __init__(
-        self, keys: EdgeKeys, store: EdgeStore, method: Method, executor: Executor | None
-    ) -> None:
-        self.keys, self.store, self.method, self.executor = keys, store, method, executor
+    def __init__(self, keys: EdgeKeys, store: EdgeStore, executor: Executor | None) -> None:
+        self.keys, self.store, self.executor = keys, store, executor
         self.counts = EdgeCounts()
         self.lost: dict[str, Motion] = {}
         self._context, self._bundle = bundle_of(keys.station)
@@ -152,7 +159,8 @@ class EdgeJobs:
             start_rad=tuple(q[low]),
             goal_rad=tuple(q[high]),
             quality=quality,
-            method=self.method,
+            method=self.keys.method,
+            solver=self.keys.solver,
             screened=screened,
             seed=self._seed(keys.ends(low, high)),
         )
@@ -168,7 +176,8 @@ class EdgeJobs:
             start_rad=tuple(item.start_rad),
             goal_rad=tuple(item.goal_rad),
             quality="final",
-            method=self.method,
+            method=self.keys.method,
+            solver=self.keys.solver,
             screened=screened,
             seed=self._seed(self.keys.ends_between(item)),
         )

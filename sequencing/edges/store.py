@@ -42,6 +42,9 @@ _SCALARS: dict[str, tuple[type, ...]] = {
     "proven_clearance_m": _MAYBE,
     "certified": (bool, type(None)),
     "note": (str,),
+    "solver": (str,),
+    "planner": (str,),
+    "method": (str,),
 }
 
 

@@ -22,6 +22,7 @@ from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.physics.resimulation import replay_motion
 from dmoc.refinement import RefineParams
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.warming import warm_up
 from planning.collision.world import CollisionWorld
 from planning.geometry.shapes import Body
@@ -70,6 +71,7 @@ class EdgeJob:
     quality: Quality
     method: Method
     seed: int
+    solver: str = DEFAULT_SOLVER
     screened: bytes | None = None
     bundle: bytes | None = None
 
@@ -150,15 +152,17 @@ def edge_motion(
         None if origin is None else _line(station, origin, start),
         None if target is None else _line(station, target, goal),
         NUM_INTERVALS[job.quality],
+        job.solver,
     )
     clearance = world.clearance(
         start_line=None if origin is None or not origin.on else weld_line(station, origin),
         goal_line=None if target is None or not target.on else weld_line(station, target),
     )
-    guess = None
+    guess, guess_planner = None, "none"
     if job.screened is not None:
         screened = decode_motion(job.screened, station.robot)
-        guess = screened.trajectory if screened.source == "refined" else None
+        if screened.source == "refined":
+            guess, guess_planner = screened.trajectory, screened.planner
     return plan_motion(
         departure.problem,
         clearance,
@@ -167,7 +171,9 @@ def edge_motion(
         quality=job.quality,
         method=job.method,
         guess=guess,
+        guess_planner=guess_planner,
         free_guess=departure.guess,
+        solver=job.solver,
     )
 
 
@@ -175,7 +181,7 @@ def _line(station: Station, stud: Stud, q_rad: Array) -> LineFunction:
     return lambda fraction: departure_point(station, stud, q_rad, fraction)
 
 
-def context_fingerprint(station: Station, method: str) -> str:
+def context_fingerprint(station: Station, method: str, solver: str = DEFAULT_SOLVER) -> str:
     """sha256 of everything but the two ends that decides an edge: robot, shapes, cost, code.
 
     Shapes count by content. The list of studs is not part of it: editing one leaves the edges of
@@ -184,7 +190,7 @@ def context_fingerprint(station: Station, method: str) -> str:
     digest = hashlib.sha256()
     digest.update(f"{method}|{station.cost!r}|{station.clearance_m!r}".encode())
     digest.update(repr((sorted(station.allowed_collisions), station.engine)).encode())
-    digest.update(repr((RefineParams(), EdgeParams(), NUM_INTERVALS)).encode())
+    digest.update(repr((RefineParams().by(solver), EdgeParams(), NUM_INTERVALS)).encode())
     for name in LIBRARIES:
         digest.update(f"{name}={_version(name)};".encode())
     robot = station.robot

@@ -7,8 +7,9 @@ from html import escape
 
 
 def markdown_html(text: str) -> str:
-    """HTML of headings, paragraphs, pipe tables, dash lists and bold text; all else is escaped, and a backslash
-    takes its meaning from the sign behind it.
+    """HTML of headings, paragraphs, pipe tables, dash lists and bold text; all else is escaped.
+
+    A backslash takes its meaning from the sign behind it.
 
     Blocks are separated by empty lines, as `tables_markdown` writes them.
     """

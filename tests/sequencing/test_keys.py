@@ -83,9 +83,11 @@ def nodes_of(station: Station) -> StationNodes:
     )
 
 
-def keys(station: Station, nodes=None, method="halfspaces", seed=0, quality="screen"):
+def keys(
+    station: Station, nodes=None, method="half-spaces", seed=0, quality="screen", solver="ipopt"
+):
     """Keys of the edges between the first two studs, and from the first to home."""
-    found = EdgeKeys(station, nodes or nodes_of(station), method, seed)
+    found = EdgeKeys(station, nodes or nodes_of(station), method, seed, solver)
     return found.key(0, 1, quality), found.key(0, 3, quality)
 
 
@@ -252,8 +254,8 @@ def test_a_pose_is_part_of_the_key(name: str) -> None:
 
 def test_seed_method_and_quality_are_part_of_the_key() -> None:
     found = [keys(plain()), keys(plain(), seed=1), keys(plain(), method="boxes")]
-    found.append(keys(plain(), quality="final"))
-    assert len(set(found)) == 4
+    found += [keys(plain(), quality="final"), keys(plain(), solver="structured")]
+    assert len(set(found)) == 5
 
 
 def test_code_and_libraries_are_part_of_the_key(monkeypatch, tmp_path) -> None:

@@ -33,8 +33,9 @@ def _motion() -> Motion:
         rng.normal(size=(4, 6)),
     )
     return Motion(
-        Status.CONVERGED, "refined", trajectory, 12.5, 0.1, 17, 1e-9, 2e-3, 0.031, True, "note"
-    )
+        Status.CONVERGED, "refined", trajectory, 12.5, 0.1, 17, 1e-9, 2e-3, 0.031, True, "note",
+        solver="structured", planner="ompl", method="boxes",
+    )  # fmt: skip
 
 
 def test_a_motion_comes_back_bit_for_bit() -> None:
@@ -44,6 +45,7 @@ def test_a_motion_comes_back_bit_for_bit() -> None:
     assert encode_motion(again) == encode_motion(motion)
     assert again.status is Status.CONVERGED
     assert again.certified is True
+    assert (again.solver, again.planner, again.method) == ("structured", "ompl", "boxes")
     assert again.trajectory is not None
     assert again.trajectory.robot is robot
     np.testing.assert_array_equal(again.trajectory.q_rad, motion.trajectory.q_rad)
