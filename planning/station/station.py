@@ -13,6 +13,7 @@ from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError
 from dmoc.motion.cost import Cost
 from dmoc.robot.robot import Robot
+from planning.geometry.mesh import load_link_mesh
 from planning.geometry.shapes import Body
 from planning.station.studs import Stud
 
@@ -31,17 +32,11 @@ def station_fingerprint(station: Station) -> str:
             digest.update(b"|")
 
     add(station.robot.fingerprint, station.robot.flange)
-    geometry = station.robot.geometry()
-    for item in geometry.geometryObjects:
-        add(
-            item.parentFrame,
-            item.placement.homogeneous,
-            item.meshPath.rsplit("/", 1)[-1],
-            np.array(item.meshScale),
-            type(item.geometry).__name__,
-        )
-        item.geometry.computeLocalAABB()
-        add(np.array(item.geometry.aabb_local.min_), np.array(item.geometry.aabb_local.max_))
+    for item in station.robot.link_shapes():
+        add(item.link, item.joint, item.placement.homogeneous, item.shape.kind, item.shape.size_m)
+        if item.shape.kind == "mesh":
+            mesh = load_link_mesh(item.shape, str(station.robot.urdf), f"link {item.link}")
+            add(mesh.vertices_m, mesh.faces)
     for body in (*station.tool_bodies, *station.obstacles):
         add(body.name, body.pose, body.touches)
         for shape in (*body.shapes, *((body.mesh,) if body.mesh else ())):

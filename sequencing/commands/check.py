@@ -18,7 +18,7 @@ def run_check(
     path = demo_station(station).source if station in available_stations() else station
     data = check_station(path, engines)
     studs = data["studs"]
-    console.show(f"{station}: {len(studs)} studs")
+    console.show(f"{station}: {len(studs)} studs, tool on {data['flange']} of {data['robot']}")
     for row in studs:
         reason = f"  {row['reason']}" if row["reason"] else ""
         console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{reason}")
