@@ -306,10 +306,9 @@ def _bare(
             bare += [link for link in group if bodies[link].mass_kg > 0 and link not in bare]
     if not bare:
         return []
-    pictured = all(bodies[link].visual for link in bare)
     fix = "add <collision> shapes to the URDF"
-    if pictured:
-        fix += ", or write use_visual_shapes: true in robot.yaml"
+    if any(bodies[link].visual for link in bare):
+        fix += ", or write use_visual_shapes: true in robot.yaml: their pictures then collide"
     value = f"{', '.join(bare)}: never seen to collide"
     return [Fault("link-bare", file, "collision", value, "a collision shape a link", fix)]
 
