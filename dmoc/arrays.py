@@ -46,3 +46,13 @@ def joint_vector(values: Any, name: str, num_joints: int) -> Array:
             )
         )
     return readonly(array, name, ndim=1)
+
+
+class StaysReadonly:
+    """A frozen type whose arrays come back read-only from a pickle."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)

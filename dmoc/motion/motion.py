@@ -153,6 +153,10 @@ class Motion:
     `proven_clearance_m` (what nothing undercuts between the knots either, at most the clearance
     that was asked for) come from the certificate and are None where nobody asked for one. CPU time
     is reported beside a motion, never in it.
+
+    Who made it, each empty where nobody said: `solver` (`ipopt`, `structured`; `none` for a
+    time-scaled path), `planner` of the path it started from (`ompl`, `compiled`; `none` where no
+    path was planned) and `method` (`free`, `half-spaces`, `boxes`, `time-scaled`).
     """
 
     status: Status
@@ -168,6 +172,9 @@ class Motion:
     note: str = ""
     replay: Replay | None = None
     proven_clearance_m: float | None = None
+    solver: str = ""
+    planner: str = ""
+    method: str = ""
 
     @property
     def duration_s(self) -> float:

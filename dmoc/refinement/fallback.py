@@ -60,4 +60,6 @@ def _certified(
         proven_clearance_m=certificate.proven_clearance_m,
         certified=True,
         note=f"time-scaled seed ({timed.law}); refinement: {note}" if note else "time-scaled seed",
+        solver="none",
+        method="time-scaled",
     )

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from planning.arm.screws import Chain, rotation_about
+from planning.arm.screws import ScrewAxes, rotation_about
 
 #: How far (relative) a cosine may exceed one and still count as the double solution.
 SLACK = 1e-9
@@ -62,7 +62,7 @@ Branches = tuple[Array, npt.NDArray[np.bool_]]
 _NEAR = 1e-9
 
 
-def closed_form(chain: Chain) -> Callable[[Array], Branches] | None:
+def closed_form(chain: ScrewAxes) -> Callable[[Array], Branches] | None:
     """The solver of this arm's family, or None.
 
     It maps end poses (K, 4, 4) to angles (K, 8, 6), not wrapped to limits, and whether each
@@ -82,11 +82,11 @@ def closed_form(chain: Chain) -> Callable[[Array], Branches] | None:
     return None
 
 
-def _parallel(chain: Chain, i: int, j: int) -> bool:
+def _parallel(chain: ScrewAxes, i: int, j: int) -> bool:
     return bool(np.linalg.norm(np.cross(chain.axis[i], chain.axis[j])) < _NEAR)
 
 
-def _meeting_point(chain: Chain, joints: tuple[int, ...]) -> Array | None:
+def _meeting_point(chain: ScrewAxes, joints: tuple[int, ...]) -> Array | None:
     """The point common to the axes, by least squares over the lines, if there is one."""
     normal = np.zeros((3, 3))
     right = np.zeros(3)
@@ -110,7 +110,9 @@ def _turned(axis: Array, angle: Array, vector: Array) -> Array:
     )
 
 
-def _elbow(chain: Chain, point: Array, target: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+def _elbow(
+    chain: ScrewAxes, point: Array, target: Array
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     """q2, q3 (K, 2) that bring `point` (3,) to `target` (K, 3), and existence (K,).
 
     Axes 2 and 3 are parallel; heights along them must agree already. The distance of the moved
@@ -129,7 +131,7 @@ def _elbow(chain: Chain, point: Array, target: Array) -> tuple[Array, Array, npt
     return q2, np.asarray(sign * turn), exists
 
 
-def _spherical_wrist(chain: Chain, wrist: Array, poses: Array) -> Branches:
+def _spherical_wrist(chain: ScrewAxes, wrist: Array, poses: Array) -> Branches:
     axis, count = chain.axis, len(poses)
     motion = poses @ np.linalg.inv(chain.home)
     target = motion[:, :3, :3] @ wrist + motion[:, :3, 3]
@@ -161,7 +163,7 @@ def _spherical_wrist(chain: Chain, wrist: Array, poses: Array) -> Branches:
     return q, found
 
 
-def _wrist(chain: Chain, turn: Array) -> tuple[list[Array], npt.NDArray[np.bool_]]:
+def _wrist(chain: ScrewAxes, turn: Array) -> tuple[list[Array], npt.NDArray[np.bool_]]:
     """Both (q4, q5, q6) (K, 3) with R4 R5 R6 = turn (K, 3, 3). q4 = 0 where 4 and 6 align."""
     h4, h5, h6 = chain.axis[3:]
     pointing = turn @ h6
@@ -180,7 +182,7 @@ def _wrist(chain: Chain, turn: Array) -> tuple[list[Array], npt.NDArray[np.bool_
     return results, exists
 
 
-def _three_parallel(chain: Chain, corner: Array, poses: Array) -> Branches:
+def _three_parallel(chain: ScrewAxes, corner: Array, poses: Array) -> Branches:
     axis, point, count = chain.axis, chain.point, len(poses)
     h2, h6 = axis[1], axis[5]
     motion = poses @ np.linalg.inv(chain.home)

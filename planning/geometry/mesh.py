@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from dmoc.arrays import Array, readonly
+from dmoc.arrays import Array, StaysReadonly, readonly
 from dmoc.errors import Fault, MeshError
 from dmoc.input_file import confined
 from dmoc.robot.description import LinkShape, Three
@@ -26,7 +26,7 @@ _LINK_DIAGONAL_M = (0.002, 15.0)
 
 
 @dataclass(frozen=True)
-class Mesh:
+class Mesh(StaysReadonly):
     """Triangles in metres: `vertices_m` (V, 3), `faces` (F, 3). `watertight`: closed, oriented."""
 
     vertices_m: Array
@@ -38,12 +38,6 @@ class Mesh:
         faces = np.array(self.faces, dtype=np.int64)
         faces.setflags(write=False)
         object.__setattr__(self, "faces", faces)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
 
 
 def load_mesh(

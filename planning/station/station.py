@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dmoc.arrays import Array
+from dmoc.arrays import Array, StaysReadonly
 from dmoc.errors import Fault, InputError
 from dmoc.motion.cost import Cost
 from dmoc.robot.robot import Robot
@@ -69,7 +69,7 @@ def station_fingerprint(station: Station) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Station:
+class Station(StaysReadonly):
     """What exists in one station, in world axes [m, rad, s].
 
     `robot` has tool inertia, payload and base applied. `tool_bodies` are posed in the flange
@@ -103,12 +103,6 @@ class Station:
 
     def __hash__(self) -> int:
         return hash(self.fingerprint)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
 
     def replace(self, **changes: Any) -> Station:
         """This station with other fields (nothing is checked) and the fingerprint they make.

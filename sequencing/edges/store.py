@@ -30,6 +30,9 @@ _SCALARS = (
     "proven_clearance_m",
     "certified",
     "note",
+    "solver",
+    "planner",
+    "method",
 )
 _ARRAYS = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
 

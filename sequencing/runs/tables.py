@@ -104,8 +104,11 @@ def gaps(search: Mapping[str, Any]) -> str:
 def table_1(result: Result) -> str:
     """Per stud: how many alternatives and what the weld costs in the best and worst of them."""
     rows = [
-        [row["stud"], str(row["alternatives"]),
-         f"[{number(row['lowest_cost'], 2)}, {number(row['highest_cost'], 2)}]"]
+        [
+            row["stud"],
+            str(row["alternatives"]),
+            f"[{number(row['lowest_cost'], 2)}, {number(row['highest_cost'], 2)}]",
+        ]
         for row in result["tables"]["studs"]
     ]
     return markdown_table(["stud", "alternatives", "weld cost"], rows)
@@ -146,21 +149,38 @@ def table_shares(result: Result) -> str:
         state = item["status"] + (", seed" if item["source"] == "fallback" else "")
         state += ", certified" if item["certified"] else ""
         rows.append(
-            [f"{item['key']} {item['from']} → {item['to']}", state,
-             _clearances(item), number(item["duration_s"], 2),
-             number(item["cost"], 2), *(number(shares.get(name), 2) for name in names)]
+            [
+                f"{item['key']} {item['from']} → {item['to']}",
+                state,
+                _clearances(item),
+                number(item["duration_s"], 2),
+                number(item["cost"], 2),
+                *(number(shares.get(name), 2) for name in names),
+            ]
         )
     total = sum(sums.values())
     rows.append(
-        ["**all**", "", "", number(sum(m["duration_s"] or 0.0 for m in result["motions"]), 2),
-         number(total, 2), *(number(sums[name], 2) for name in names)]
+        [
+            "**all**",
+            "",
+            "",
+            number(sum(m["duration_s"] or 0.0 for m in result["motions"]), 2),
+            number(total, 2),
+            *(number(sums[name], 2) for name in names),
+        ]
     )
     if total > 0:
         rows.append(
             ["**share %**", "", "", "", "100.0", *(number(100 * sums[n] / total) for n in names)]
         )
     header = [
-        "motion", "status", "clearance mm, proven / seen", "time s", "J", "J time", "J effort",
+        "motion",
+        "status",
+        "clearance mm, proven / seen",
+        "time s",
+        "J",
+        "J time",
+        "J effort",
         "J velocity",
     ]
     cost = result["cost"]
@@ -194,5 +214,10 @@ def provenance_text(result: Result) -> str:
     if not tags:
         lines.append("The robot file tags none of its values: treat all of them as assumed.")
     lines += [f"- {key}: {tags[key]}" for key in known]
-    return "\n".join([" ".join(lines[: 2 if assumed or not tags else 1]), "",
-                      *lines[2 if assumed or not tags else 1 :]]).rstrip()
+    return "\n".join(
+        [
+            " ".join(lines[: 2 if assumed or not tags else 1]),
+            "",
+            *lines[2 if assumed or not tags else 1 :],
+        ]
+    ).rstrip()

@@ -28,8 +28,9 @@ def _motion() -> Motion:
         rng.normal(size=(4, 6)),
     )
     return Motion(
-        Status.CONVERGED, "refined", trajectory, 12.5, 0.1, 17, 1e-9, 2e-3, 0.031, True, "note"
-    )
+        Status.CONVERGED, "refined", trajectory, 12.5, 0.1, 17, 1e-9, 2e-3, 0.031, True, "note",
+        solver="structured", planner="ompl", method="boxes",
+    )  # fmt: skip
 
 
 def test_a_motion_comes_back_bit_for_bit() -> None:
@@ -39,6 +40,7 @@ def test_a_motion_comes_back_bit_for_bit() -> None:
     assert encode_motion(again) == encode_motion(motion)
     assert again.status is Status.CONVERGED
     assert again.certified is True
+    assert (again.solver, again.planner, again.method) == ("structured", "ompl", "boxes")
     assert again.trajectory is not None
     assert again.trajectory.robot is robot
     np.testing.assert_array_equal(again.trajectory.q_rad, motion.trajectory.q_rad)
@@ -76,7 +78,7 @@ def test_kill_loses_nothing_that_was_put(tmp_path) -> None:
     program = textwrap.dedent(
         """
         import sys
-        from sequencing.store import EdgeStore
+        from sequencing.edges.store import EdgeStore
         store = EdgeStore(sys.argv[1])
         for k in range(100000):
             store.put(f"{sys.argv[2]}-{k}", b"x" * 500)
