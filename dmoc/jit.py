@@ -54,7 +54,7 @@ def njit(
 def _forgiving(kernel: Any) -> Any:
     """The kernel, compiled anew where its kept code names types that are no longer there.
 
-    numba reads the whole list of what was kept before it looks whether the source has changed: after
+    numba reads the whole list of what was kept before it looks whether the source changed: after
     an update that renamed a type it would end in an AttributeError.
     """
     file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)

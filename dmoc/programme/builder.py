@@ -76,7 +76,7 @@ class MotionProgramme:
 def arm_of(robot: Robot) -> ArmModel:
     """The numbers of the robot's dynamics, kept per fingerprint; wrenches act at the tool tip."""
     if robot.fingerprint not in _ARMS:
-        frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+        frame = robot.model.frames[robot.flange_id]
         tip = (frame.placement * robot.tool.tip).translation
         _ARMS[robot.fingerprint] = arm_model(robot.model, int(frame.parentJoint) - 1, tip)
     return _ARMS[robot.fingerprint]
