@@ -9,6 +9,7 @@ import numpy as np
 
 from dmoc.arrays import Array, readonly
 from dmoc.motion.motion import Motion
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.station.station import Station
 from sequencing.gtsp.problem import Tour
 
@@ -200,6 +201,7 @@ class Cycle:
     configurations: int
     unreachable: tuple[tuple[str, str], ...]
     polish: Polish | None = None
+    solver: str = DEFAULT_SOLVER
 
     @property
     def duration_s(self) -> float:

@@ -58,7 +58,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """As of `SolveParams`."""
+    """As of `dmoc.solving.solvers.SolveParams`."""
 
     tolerance: float
     acceptable: float

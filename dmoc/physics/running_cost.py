@@ -28,7 +28,7 @@ def cost_rate(
     """The integrand of J (K,) for rows of q, q̇, q̈, u (K, n).
 
     An electrical cost is taken with its own `friction_smoothing_rad_s`, as it is minimised; the
-    joules of the exact loss model are `dmoc.drive.electrical_power_w` without smoothing.
+    joules of the exact loss model are `dmoc.robot.drive.electrical_power_w` without smoothing.
     """
     rate = cost.time + cost.velocity * np.sum(velocity_rad_s**2, axis=1)
     if isinstance(cost, Cost):

@@ -14,9 +14,10 @@ from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.programme.builder import Families
 from dmoc.programme.guess import detour_guess, straight_guess
-from dmoc.programme.types import DEFAULT_PARAMS, Guess, NlpSolution, SolveParams
+from dmoc.programme.types import Guess, NlpSolution
 from dmoc.solving.grids import prolonged
 from dmoc.solving.nlp import ONE_AT_A_TIME, solve_nlp
+from dmoc.solving.solvers import DEFAULT_PARAMS, SolveParams
 
 # Problems travel in groups, so that a robot is sent once for many of them.
 GROUP = 8

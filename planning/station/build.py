@@ -15,6 +15,7 @@ from dmoc.arrays import Array, readonly
 from dmoc.errors import Fault, InputError
 from dmoc.input_file import FieldPath, InputFaults, confined, read_yaml
 from dmoc.motion.cost import Cost
+from dmoc.order_graph import circle_of
 from dmoc.robot.robot import Robot
 from planning.geometry.nearest import body_distance_m
 from planning.geometry.shapes import Body
@@ -248,18 +249,11 @@ def _check_pairs(entry: StationFile, names: set[str], studs: set[str], sections:
                     refuse("name-unknown", name, ", ".join(sorted(legal))[:300], "mend the name")
             if pair[0] == pair[1]:
                 refuse("pair", str(pair), "two different names", "remove the pair")
-    before: dict[str, set[str]] = {stud: set() for stud in studs}
-    for first, second in entry.precedence:
-        before.setdefault(second, set()).add(first)
-    while free := [stud for stud, needs in before.items() if not needs]:
-        for stud in free:
-            del before[stud]
-        for needs in before.values():
-            needs.difference_update(free)
-    if before:
+    circle = circle_of((first, second) for first, second in entry.precedence)
+    if circle:
         sections.refuse(("precedence",))(
             "precedence-cycle",
-            " -> ".join(sorted(before)),
+            " -> ".join(circle),
             "an order without a circle",
             "remove one of these precedences",
         )

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
 from dmoc.motion.motion import Motion
-from dmoc.refinement.params import Method
+from dmoc.refinement.params import method_named
+from dmoc.solving.solvers import DEFAULT_SOLVER, require_solver
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
@@ -104,7 +104,8 @@ def plan_station(
     station: Station,
     *,
     seed: int = 0,
-    method: Method = "halfspaces",
+    method: str = "half-spaces",
+    solver: str = DEFAULT_SOLVER,
     stop: PlanStop | None = None,
     executor: Executor | None = None,
     store: EdgeStore | Path | str | None = None,
@@ -117,13 +118,16 @@ def plan_station(
     generalised TSP → final motions at N = 40, certified between the knots → comparison with
     sequences of least travel time. `executor` runs the edges (None: in this process); the result
     is the same, byte for byte, whatever it is. `store` keeps solved edges for the next run
-    (a path is opened and closed again).
+    (a path is opened and closed again). `method` keeps motions free of collisions, `half-spaces`
+    or `boxes`; `solver` is a name of `dmoc.solving.solvers.SOLVERS`.
     `polish` turns the tool of every weld continuously afterwards, for the whole cycle; it never
     makes it dearer, and the gaps keep speaking of the cycle before.
 
     Raises `NoCycle` when no stud has an alternative or no cycle joins those that have one.
     """
     settings, tell = stop or PlanStop(), progress or (lambda event: None)
+    method = method_named(method)
+    require_solver(solver, "solver")
     if not isinstance(store, EdgeStore):
         with (
             tempfile.TemporaryDirectory(prefix="dmoc-") as folder,
@@ -133,23 +137,13 @@ def plan_station(
                 station,
                 seed=seed,
                 method=method,
+                solver=solver,
                 stop=stop,
                 executor=executor,
                 store=opened,
                 progress=progress,
                 polish=polish,
             )
-    if method not in ("halfspaces", "boxes"):
-        raise ProblemError(
-            Fault(
-                "method",
-                field="method",
-                value=repr(method),
-                legal="halfspaces, boxes",
-                fix="choose one of them",
-            )
-        )
-
     tell(PlanEvent("alternatives"))
     world = CollisionWorld(station)
     check_home(station, world)
@@ -169,6 +163,7 @@ def plan_station(
         store,
         seed=seed,
         method=method,
+        solver=solver,
         executor=executor,
         progress=lambda event: tell(PlanEvent("edges", event)),
     )
@@ -206,6 +201,7 @@ def plan_station(
         configurations=nodes.num_configurations,
         unreachable=unreachable,
         polish=polished,
+        solver=solver,
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.motion.motion import Motion
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.station.station import Station
 from sequencing.edges.nodes import HOME, StationNodes
 from sequencing.edges.store import EdgeStore, encode_motion
@@ -47,9 +48,17 @@ class EdgeKeys:
     Studs elsewhere are no part of it: editing one leaves the edges of the others valid.
     """
 
-    def __init__(self, station: Station, nodes: StationNodes, method: Method, seed: int) -> None:
+    def __init__(
+        self,
+        station: Station,
+        nodes: StationNodes,
+        method: Method,
+        seed: int,
+        solver: str = DEFAULT_SOLVER,
+    ) -> None:
         self.station, self.nodes, self.seed = station, nodes, seed
-        self.fingerprint = context_fingerprint(station, method)
+        self.method, self.solver = method, solver
+        self.fingerprint = context_fingerprint(station, method, solver)
 
     def key(self, low: int, high: int, quality: Quality) -> str:
         """Of the edge between two nodes."""
@@ -122,10 +131,8 @@ class EdgeJobs:
     Every result is in the store before it is handed on. `close` removes the workers' context.
     """
 
-    def __init__(
-        self, keys: EdgeKeys, store: EdgeStore, method: Method, executor: Executor | None
-    ) -> None:
-        self.keys, self.store, self.method, self.executor = keys, store, method, executor
+    def __init__(self, keys: EdgeKeys, store: EdgeStore, executor: Executor | None) -> None:
+        self.keys, self.store, self.executor = keys, store, executor
         self.counts = EdgeCounts()
         self._folder = tempfile.TemporaryDirectory(prefix="dmoc-")
         self._context = write_context(keys.station, Path(self._folder.name))
@@ -174,7 +181,8 @@ class EdgeJobs:
             start_rad=tuple(poses[0]),
             goal_rad=tuple(poses[1]),
             quality=quality,
-            method=self.method,
+            method=self.keys.method,
+            solver=self.keys.solver,
             screened=screened,
             seed=int(digest.hexdigest()[:8], 16),
         )

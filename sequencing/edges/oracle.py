@@ -13,6 +13,7 @@ from dmoc.arrays import Array
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import Motion
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from sequencing.bounds import power_bound, travel_bound
@@ -58,13 +59,14 @@ class StationEdges:
         *,
         seed: int = 0,
         method: Method = "halfspaces",
+        solver: str = DEFAULT_SOLVER,
         executor: Executor | None = None,
         progress: Callable[[EdgeEvent], None] | None = None,
     ) -> None:
         self.station, self.nodes, self.store = station, nodes, store
         self.seed, self.progress = seed, progress
-        self.keys = EdgeKeys(station, nodes, method, seed)
-        self.jobs = EdgeJobs(self.keys, store, method, executor)
+        self.keys = EdgeKeys(station, nodes, method, seed, solver)
+        self.jobs = EdgeJobs(self.keys, store, executor)
         self.costs: dict[tuple[int, int], float] = {}
         self.held_out: set[tuple[int, int]] = set()
         self.num_training = 0

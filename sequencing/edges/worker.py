@@ -19,6 +19,7 @@ from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.physics.resimulation import replay_motion
 from dmoc.refinement import RefineParams
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.warming import warm_up
 from planning.collision.world import CollisionWorld
 from planning.geometry.shapes import Body
@@ -53,6 +54,7 @@ class EdgeJob:
     quality: Quality
     method: Method
     seed: int
+    solver: str = DEFAULT_SOLVER
     screened: bytes | None = None
 
 
@@ -103,6 +105,7 @@ def edge_motion(
         None if origin is None else _line(station, origin, start),
         None if target is None else _line(station, target, goal),
         NUM_INTERVALS[job.quality],
+        job.solver,
     )
     clearance = world.clearance(
         start_line=None if origin is None or not origin.on else weld_line(station, origin),
@@ -123,6 +126,7 @@ def edge_motion(
         guess=guess,
         guess_planner=guess_planner,
         free_guess=departure.guess,
+        solver=job.solver,
     )
 
 
@@ -130,7 +134,7 @@ def _line(station: Station, stud: Stud, q_rad: Array) -> LineFunction:
     return lambda fraction: departure_point(station, stud, q_rad, fraction)
 
 
-def context_fingerprint(station: Station, method: str) -> str:
+def context_fingerprint(station: Station, method: str, solver: str = DEFAULT_SOLVER) -> str:
     """sha256 of everything but the two ends that decides an edge: robot, shapes, cost, versions.
 
     The list of studs is not part of it: editing one stud leaves the edges of the others valid.
@@ -140,7 +144,7 @@ def context_fingerprint(station: Station, method: str) -> str:
     digest.update(repr((sorted(station.allowed_collisions), station.engine)).encode())
     # By the name that the settings of a solve had when the first stores were written: what is in
     # them stays found, and every edge keeps its seed.
-    settings = repr((RefineParams(), EdgeParams(), NUM_INTERVALS))
+    settings = repr((RefineParams().by(solver), EdgeParams(), NUM_INTERVALS))
     digest.update(settings.replace("SolveParams(", "IpoptParams(").encode())
     for name in ("dmoc", "casadi", "pin", "coal", "ompl", "numba", "numpy", "scipy", "toppra"):
         digest.update(f"{name}={_version(name)};".encode())

@@ -15,6 +15,7 @@ import yaml
 from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.robot.robot import Robot
+from planning.path.rrt_connect import available_planner
 from planning.station.station import Station
 from sequencing.cycle_types import Cycle, CycleMotion, Search, Tables
 from sequencing.runs.archive import sha256_of
@@ -103,6 +104,8 @@ class RunResult(TypedDict):
     schema_version: int
     name: str
     seed: int
+    solver: str | None
+    planner: str | None
     method: str | None
     versions: dict[str, str]
     inputs: dict[str, Any]
@@ -136,6 +139,8 @@ def result_of_motions(
         "schema_version": SCHEMA_VERSION,
         "name": name,
         "seed": seed,
+        "solver": None,
+        "planner": None,
         "method": None,
         "versions": package_versions(),
         "inputs": {
@@ -169,6 +174,8 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
     )
     return {
         **bare,
+        "solver": cycle.solver,
+        "planner": available_planner(),
         "method": cycle.method,
         "inputs": {
             "station_fingerprint": station.fingerprint,

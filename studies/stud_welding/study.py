@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmoc.input_file import read_yaml
+from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.world import CollisionWorld
 from planning.station.build import demo_station
 from planning.station.station import Station
@@ -90,6 +92,8 @@ def run_stud_welding_study(
     seed: int = 0,
     reduced: bool = False,
     budget: Budget | None = None,
+    solver: str = DEFAULT_SOLVER,
+    method: Method = "halfspaces",
     executor: Executor | None = None,
     progress: Callable[[PlanEvent], None] | None = None,
 ) -> StudyRun:
@@ -107,9 +111,16 @@ def run_stud_welding_study(
         baseline_draws=0,
     )
     cycle = plan_station(
-        station, seed=seed, stop=stop, executor=executor, store=store, progress=progress
+        station,
+        seed=seed,
+        method=method,
+        solver=solver,
+        stop=stop,
+        executor=executor,
+        store=store,
+        progress=progress,
     )
-    bench = StudyBench(seed, store, executor, tell)
+    bench = StudyBench(seed, store, executor, tell, solver, method)
     world = CollisionWorld(station)
     nodes = station_nodes(station, alternatives(station, world))
     model = open_model("nominal", station, nodes, world, bench)

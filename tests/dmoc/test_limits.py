@@ -11,11 +11,12 @@ from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.status import Status
 from dmoc.physics.resimulation import replay_motion
 from dmoc.programme.guess import guess_from_trajectory, straight_guess
-from dmoc.programme.types import Box, PathRows, SolveParams
+from dmoc.programme.types import Box, PathRows
 from dmoc.robot.drive import drive_from_mapping, electrical_power_w
 from dmoc.robot.robot import load_robot
 from dmoc.solving.nlp import solve_nlp
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import SolveParams
 
 
 @pytest.fixture(scope="module")

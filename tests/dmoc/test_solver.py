@@ -12,10 +12,10 @@ from dmoc.motion.constraints import MotionLimits
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import MotionNotSolved, MotionProblem
 from dmoc.motion.status import Status
-from dmoc.programme.types import SolveParams
 from dmoc.robot.robot import load_robot
 from dmoc.solving.nlp import STATUS
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import SolveParams
 
 
 @pytest.fixture(scope="module")

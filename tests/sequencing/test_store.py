@@ -78,7 +78,7 @@ def test_kill_loses_nothing_that_was_put(tmp_path) -> None:
     program = textwrap.dedent(
         """
         import sys
-        from sequencing.store import EdgeStore
+        from sequencing.edges.store import EdgeStore
         store = EdgeStore(sys.argv[1])
         for k in range(100000):
             store.put(f"{sys.argv[2]}-{k}", b"x" * 500)

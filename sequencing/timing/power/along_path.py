@@ -218,7 +218,7 @@ def path_torque_nm(
 def exact_power_w(path: PathPower, override: float) -> np.ndarray:
     """Electrical power of the robot at every sample (P,) [W] at a constant override, per joint.
 
-    The same model as `dmoc.drive.electrical_power_w`, in one pass without temporaries.
+    The same model as `dmoc.robot.drive.electrical_power_w`, in one pass without temporaries.
     """
     out = np.empty(path.num_samples)
     exact_kernel(

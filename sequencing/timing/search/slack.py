@@ -24,7 +24,7 @@ import numpy as np
 
 from dmoc.errors import Fault, ProblemError
 from dmoc.jit import njit
-from sequencing.timing.cell.types import in_order, predecessors
+from sequencing.timing.cell.types import predecessors, waiting_order
 from sequencing.timing.power.along_path import MIN_OVERRIDE
 
 
@@ -74,7 +74,7 @@ def slack_graph(
     pause = np.zeros(size)
     if pause_s is not None:
         pause[:] = [t for robot in pause_s for t in robot]
-    order = in_order(preds)
+    order = waiting_order(preds)
     held = fixed or {}
     end = np.zeros(size)
     for k in order:
