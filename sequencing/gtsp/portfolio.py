@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from sequencing.gtsp.held_karp_table import held_karp, table_bytes
 from sequencing.gtsp.normalise import NormalForm, normal_form
 from sequencing.gtsp.problem import GtspProblem, Tour, as_tours
@@ -265,6 +265,4 @@ def _one_cluster(problem: GtspProblem, form: NormalForm) -> Tour:
 
 def _check(value: str, legal: Sequence[str], field: str) -> None:
     if value not in legal:
-        raise ProblemError(
-            Fault("gtsp-option", field=field, value=repr(value), legal=", ".join(legal))
-        )
+        raise ProblemError.of("gtsp-option", field=field, value=repr(value), legal=", ".join(legal))
