@@ -127,12 +127,12 @@ class _File:
         try:
             text = content_of(path).decode("utf-8")
         except OSError as error:
-            raise InputError(
-                Fault("gtsp-file", file=str(path), value=str(error.strerror), legal="a file")
+            raise InputError.of(
+                "gtsp-file", file=str(path), value=str(error.strerror), legal="a file"
             ) from error
         except UnicodeDecodeError as error:
-            raise InputError(
-                Fault("gtsp-file", file=str(path), value="not text", legal="a .gtsp text file")
+            raise InputError.of(
+                "gtsp-file", file=str(path), value="not text", legal="a .gtsp text file"
             ) from error
         current: list[tuple[str, int]] | None = None
         for number, line in enumerate(text.splitlines(), start=1):
@@ -157,8 +157,8 @@ class _File:
     def error(
         self, code: str, field: str, value: str, legal: str, line: int | None = None
     ) -> InputError:
-        return InputError(
-            Fault(code, file=str(self.path), field=field, value=value, legal=legal, line=line)
+        return InputError.of(
+            code, file=str(self.path), field=field, value=value, legal=legal, line=line
         )
 
     def text(self, key: str, default: str | None = None) -> str:
