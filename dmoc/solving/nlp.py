@@ -244,9 +244,13 @@ def _solve_once(
     cost = float(result["f"])
     if not (np.all(np.isfinite(x)) and np.isfinite(cost)):
         status, x = Status.NUMERICAL_FAILURE, arguments["x0"]
+    elif problem.cost.reported_kappa != problem.cost.kappa:
+        p = arguments["p"].copy()
+        p[motion.params["weights"][-1]] = problem.cost.reported_kappa
+        cost = float(motion.programme.nlp(x, p)[0])
     q, u, h = x[layout.knots()], x[layout.torques()], float(x[layout.step])
     torque = u * robot.torque_limit_nm
-    smoothing = problem.cost.torque_smoothing * float(np.sum(np.diff(u, axis=0) ** 2))
+    smoothing = problem.cost.smoothing * float(np.sum(np.diff(u, axis=0) ** 2))
     left, right = residuals(problem, q, torque, h)
     defect = max_defect(problem, q, left, right, h)
     if status is Status.CONVERGED and defect > LARGEST_DEFECT:

@@ -12,6 +12,7 @@ from dmoc.motion.cost import ElectricalCost
 from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointTrajectory
+from dmoc.physics.running_cost import executed_cost
 from dmoc.programme.builder import Families
 from dmoc.programme.guess import detour_guess, straight_guess
 from dmoc.programme.types import DEFAULT_PARAMS, Guess, NlpSolution, SolveParams
@@ -129,7 +130,7 @@ def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motio
         torque_nm=solution.torque_nm,
         robot=problem.robot,
     )
-    return Motion(
+    motion = Motion(
         status=solution.status,
         source="refined",
         trajectory=trajectory,
@@ -138,6 +139,7 @@ def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motio
         iterations=solution.iterations,
         max_defect=solution.max_defect,
     )
+    return motion.judged(executed_cost(problem, trajectory)) if solution.status.ok else motion
 
 
 def _guesses(problem: MotionProblem, seed: int) -> Iterator[Guess]:
