@@ -70,7 +70,7 @@ def test_whole_motions_do_not_depend_on_the_backend(cache, monkeypatch, tmp_path
     for mode in ("vm", "c"):
         monkeypatch.setenv("DMOC_BACKEND", mode)
         motions[mode] = [solve(problem) for problem in problems]
-    assert len(list(cache.glob("*.so"))) == 1
+    assert len(list(cache.glob("*.so"))) == 2
     for a, b in zip(motions["vm"], motions["c"]):
         assert a.trajectory.q_rad.tobytes() == b.trajectory.q_rad.tobytes()
         assert (a.cost, a.iterations, a.max_defect) == (b.cost, b.iterations, b.max_defect)
