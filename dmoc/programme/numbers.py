@@ -75,11 +75,15 @@ def knot_bounds(problem: MotionProblem, box: Box | None) -> tuple[Array, Array]:
 
 
 def variable_bounds(
-    problem: MotionProblem, motion: MotionProgramme, box: Box | None
+    problem: MotionProblem, motion: MotionProgramme, box: Box | None, inside: Array
 ) -> tuple[Array, Array]:
-    """Bounds of x."""
+    """Bounds of x, those of the free knots by `inside` (2, N+1, n) [rad] within the ranges."""
     layout, count = motion.layout, problem.num_intervals
     lower, upper = knot_bounds(problem, box)
+    robot, free = problem.robot, lower < upper
+    # Never past the other bound: a box or a short range keeps what it has.
+    lower = np.where(free, np.clip(robot.q_lower_rad + inside[0], lower, upper), lower)
+    upper = np.where(free, np.clip(robot.q_upper_rad - inside[1], lower, upper), upper)
     h = step_bounds(problem)
     one = np.ones((count, problem.robot.num_joints))
     goal_velocity = np.asarray(problem.goal_velocity_rad_s)
