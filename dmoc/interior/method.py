@@ -18,7 +18,7 @@ from dmoc.interior.barrier_rule import BarrierRule
 from dmoc.interior.filter import Filter, Merit
 from dmoc.interior.frames import Frames
 from dmoc.interior.oracle import Oracle
-from dmoc.interior.point_kernels import Box, Point
+from dmoc.interior.point_kernels import FreeBox, Point
 from dmoc.interior.system import NewtonSystem
 
 LARGEST_DUAL = 1.0
@@ -117,7 +117,7 @@ class _Run:
         self.up += _RELAXATION * np.maximum(1.0, np.abs(self.up))
         self.lo[: self.size][self.fixed] = -np.inf
         self.up[: self.size][self.fixed] = np.inf
-        self.box = Box(self.lo, self.up, self.fixed, self.size, self.equal)
+        self.box = FreeBox(self.lo, self.up, self.fixed, self.size, self.equal)
         total = len(self.lo)
         self.w, self.y = np.zeros(total), np.zeros(num_rows)
         self.z_lo, self.z_up = np.zeros(total), np.zeros(total)

@@ -12,7 +12,7 @@ from planning.collision.kernels.layout import Solids
 from planning.collision.packed import pack_solids
 from sequencing.timing.cell.types import Cell
 from sequencing.timing.clearance.arms import ArmShapes, arm_shapes, joint_frames
-from sequencing.timing.clearance.coordination_map import (
+from sequencing.timing.clearance.coordination import (
     CELLS,
     CoordinationMap,
     ExactPair,
