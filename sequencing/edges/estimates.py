@@ -111,11 +111,11 @@ class StationEstimates:
         self.features = edge_features(waypoints, gravity, pairs, parts, hits / LINE_SAMPLES)
 
     def fit(
-        self, rows: np.ndarray, cost: Array, held_rows: np.ndarray, held_cost: Array, seed: int
+        self, rows: np.ndarray, cost: Array, held_rows: np.ndarray, held_cost: Array
     ) -> LearnedEstimate:
         """Learn from the solved costs of `rows`, judged by those of `held_rows`."""
         rough = self.rough.cost
         judged = self.features[held_rows], rough[held_rows], held_cost
-        self.learned = fit_estimate(self.features[rows], rough[rows], cost, judged, seed)
+        self.learned = fit_estimate(self.features[rows], rough[rows], cost, judged)
         self.cost = self.learned.predict(self.features, rough)
         return self.learned

@@ -92,7 +92,6 @@ _PACKAGES = (
     "ompl",
     "pin",
     "python-fcl",
-    "scikit-learn",
     "scipy",
     "toppra",
     "trimesh",
