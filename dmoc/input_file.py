@@ -69,21 +69,44 @@ _MOST_DEPTH = 40
 
 
 class _Loader(yaml.SafeLoader):
-    """SafeLoader that reads 1e-6 as a number (YAML 1.1 wants a dot there) and dates as text."""
+    """SafeLoader with the numbers and truth values of YAML 1.2; dates stay text.
+
+    YAML 1.1 reads 010 as 8, 1:30 as 90, 1_3 as 13, `on` and `no` as truth values, 1e-6 as text.
+    """
 
 
+_INT = r"[-+]?(?:0|[1-9][0-9]*)"
+_FLOAT = (
+    r"[-+]?(?:(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?"
+    r"|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN)"
+)
+_KEPT = (":null", ":merge", ":value")
 _Loader.yaml_implicit_resolvers = {
-    key: [(tag, regexp) for tag, regexp in rows if not tag.endswith((":float", ":timestamp"))]
+    key: [(tag, regexp) for tag, regexp in rows if tag.endswith(_KEPT)]
     for key, rows in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(
-        r"^[-+]?(?:(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9_]+|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?"
-        r"|\.(?:inf|Inf|INF))$|^\.(?:nan|NaN|NAN)$"
-    ),
-    list("-+0123456789."),
+for _tag, _words, _first in (
+    ("bool", "true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("int", _INT, "-+0123456789"),
+    ("float", _FLOAT, "-+0123456789."),
+):
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_words})$"), list(_first)
+    )
+_PLAIN_NUMBER = re.compile(f"(?:{_INT}|{_FLOAT})")
+#: What another version of YAML takes for a number.
+_OTHER_NUMBER = re.compile(
+    r"[-+]?(?:0[xob][0-9a-f_]+|\.?[0-9][0-9_]*(?::[0-9_]+)*(?:\.[0-9_]*)?(?:e[-+]?[0-9_]+)?)",
+    re.IGNORECASE,
 )
+
+
+def _is_ambiguous(node: yaml.ScalarNode) -> bool:
+    """Whether versions of YAML read this scalar as different numbers, or as number and text."""
+    if _PLAIN_NUMBER.fullmatch(node.value):
+        return False
+    tagged = node.tag.endswith((":int", ":float"))
+    return tagged or (node.style is None and bool(_OTHER_NUMBER.fullmatch(node.value)))
 
 
 class YamlTree:
@@ -245,4 +268,12 @@ def _build(
             result[key] = _build(loader, value_node, (*path, key), lines, refuse)
             lines[(*path, key)] = line
         return result
+    if _is_ambiguous(node):
+        raise refuse(
+            "yaml-number",
+            f"{field_name(path)}: {node.value}",
+            "decimal digits, a point, an exponent; no leading 0, no underscores or colons",
+            "write the number in plain decimals, or in quotes if it is a name",
+            lines[path],
+        )
     return loader.construct_object(node)

@@ -54,8 +54,8 @@ def njit(
 def _forgiving(kernel: Any) -> Any:
     """The kernel, compiled anew where its kept code names types that are no longer there.
 
-    numba reads the list of what was kept before it looks whether the source has changed: after an
-    update that renamed a type it would end in an AttributeError.
+    numba reads the whole list of what was kept before it looks whether the source changed: after
+    an update that renamed a type it would end in an AttributeError.
     """
     file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
     read = getattr(file, "_load_index", None)

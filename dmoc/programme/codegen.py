@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -37,10 +38,13 @@ SOLVES_BEFORE_COMPILING = 3
 
 @dataclass
 class StageSet:
-    """The stages of one robot and cost and the state of their library in this process."""
+    """The stages of one robot and cost and the state of their libraries in this process.
+
+    Every stage has a library of its own: the dynamics serve every cost.
+    """
 
     stages: tuple[Stage, ...]
-    library: Library | None = None
+    libraries: tuple[Library, ...] = ()
     compiled: tuple[Stage, ...] | None = None
     uses: int = 0
     started: bool = False
@@ -58,22 +62,24 @@ class StageSet:
 
     def _advance(self, wait: bool) -> None:
         self.uses += 1
-        if self.library is None:
-            self.library = library_for([part for stage in self.stages for part in stage.parts])
+        if not self.libraries:
+            self.libraries = tuple(library_for(stage.parts) for stage in self.stages)
         if self._load():
             return
         if not self.started and (wait or self.uses > SOLVES_BEFORE_COMPILING):
             self.started = True
-            self.library.start(wait)
+            start_libraries([item for item in self.libraries if item.load() is None], wait)
             if wait:
                 self._load()
 
     def _load(self) -> bool:
-        functions = None if self.library is None else self.library.load()
-        if functions is None:
+        found = [library.load() for library in self.libraries]
+        if any(parts is None for parts in found):
             return False
         self.compiled = tuple(
-            replace(stage, parts=_three(functions, 3 * i)) for i, stage in enumerate(self.stages)
+            replace(stage, parts=(parts[0], parts[1], parts[2]))
+            for stage, parts in zip(self.stages, found)
+            if parts is not None
         )
         return True
 
@@ -84,12 +90,6 @@ class Backend:
 
     name: str
     stages: tuple[Stage, ...]
-
-
-def _three(
-    functions: tuple[ca.Function, ...], at: int
-) -> tuple[ca.Function, ca.Function, ca.Function]:
-    return functions[at], functions[at + 1], functions[at + 2]
 
 
 FLAGS = ("-O1", "-fPIC", "-shared", "-ffp-contract=off")
@@ -130,28 +130,34 @@ class Library:
             return None
 
     def start(self, wait: bool) -> None:
-        """Compile, in this process if `wait`, else in one of its own that may outlive this one."""
-        compiler = find_compiler()
-        folder = self.path.parent
+        """`start_libraries` of this one."""
+        start_libraries((self,), wait)
+
+
+def start_libraries(libraries: Sequence[Library], wait: bool) -> None:
+    """Compile side by side, for this process if `wait`, else in others that may outlive it."""
+    compiler = find_compiler()
+    jobs = []
+    for library in libraries:
+        folder = library.path.parent
         if compiler is None or not _make_folder(folder):
             return
-        source = _write_source(self.functions, folder)
-        if source is None:
-            return
-        if wait:
-            compile_library(source, self.path, compiler)
-            return
-        command = [
-            sys.executable,
-            "-m",
-            "dmoc.programme.codegen",
-            str(source),
-            str(self.path),
-            compiler,
-        ]
-        quiet = subprocess.DEVNULL
+        source = _write_source(library.functions, folder)
+        if source is not None:
+            jobs.append((source, library.path, compiler))
+    if wait and jobs:
+        with ThreadPoolExecutor(len(jobs)) as pool:
+            list(pool.map(lambda job: compile_library(*job), jobs))
+        return
+    quiet = subprocess.DEVNULL
+    for job in jobs:
         subprocess.Popen(
-            command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True, close_fds=True
+            [sys.executable, "-m", "dmoc.programme.codegen", *map(str, job)],
+            stdin=quiet,
+            stdout=quiet,
+            stderr=quiet,
+            start_new_session=True,
+            close_fds=True,
         )
 
 

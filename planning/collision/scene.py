@@ -107,7 +107,7 @@ class Scene:
         self.engine_name = engine
         self.engine: Engine = FclEngine(pieces) if engine == "fcl" else CoalEngine(pieces)
         self.touching = tuple(m.body.name for m in tools if m.body.touches)
-        frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+        frame = robot.model.frames[robot.flange_id]
         tip = (frame.placement * robot.tool.tip).translation
         self.tip = np.array([float(frame.parentJoint), *tip])
         self.num_joints = robot.num_joints

@@ -20,7 +20,8 @@ from planning.collision.departure_line import DepartureLine
 from planning.collision.fcl_engine import fcl_geometry
 from planning.collision.pairs import checked_pairs
 from planning.collision.pieces import Mounted, piece_of, pieces_of
-from planning.collision.robot_bodies import link_bodies, link_shapes, mesh_of, tool_mounts
+from planning.collision.robot_bodies import link_bodies, link_pieces, tool_mounts
+from planning.geometry.mesh import load_link_mesh
 from planning.geometry.shapes import Shape
 from planning.station.station import Station
 
@@ -195,17 +196,20 @@ def _link_meshes(station: Station) -> dict[str, list[_Solid]]:
     """Of every link that has a mesh: its triangles, and pieces for its other shapes."""
     robot, found = station.robot, dict[str, list[_Solid]]()
     meshed = set()
-    for item in robot.geometry().geometryObjects:
-        link, joint = robot.model.frames[item.parentFrame].name, int(item.parentJoint)
-        mesh = mesh_of(item)
-        if mesh is not None:
-            meshed.add(link)
-            found.setdefault(link, []).append(_mesh_solid(mesh, joint, np.eye(4)))
+    for item in robot.link_shapes():
+        solids = found.setdefault(item.link, [])
+        if item.shape.kind == "mesh":
+            meshed.add(item.link)
+            mesh = load_link_mesh(item.shape, str(robot.urdf), f"link {item.link}")
+            shape = Shape("mesh", vertices_m=mesh.vertices_m, faces=mesh.faces)
+            solids.append(_mesh_solid(shape, item.joint, item.placement.homogeneous))
             continue
-        for shape in link_shapes(item, robot.urdf):
-            piece = piece_of(shape, link, joint, np.eye(4))
+        for shape in link_pieces(item, robot):
+            piece = piece_of(shape, item.link, item.joint, np.eye(4))
             solid = fcl.CollisionObject(fcl_geometry(piece), fcl.Transform())
-            found.setdefault(link, []).append(
-                _Solid(joint, np.asarray(piece.pose), solid, piece.box_centre_m, piece.box_half_m)
+            solids.append(
+                _Solid(
+                    item.joint, np.asarray(piece.pose), solid, piece.box_centre_m, piece.box_half_m
+                )
             )
     return {link: solids for link, solids in found.items() if link in meshed}

@@ -25,6 +25,7 @@ from dmoc.refinement.params import Method
 from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.warming import warm_up
 from planning.collision.world import CollisionWorld
+from planning.geometry.mesh import shape_fingerprint
 from planning.geometry.shapes import Body
 from planning.path.departure import LineFunction, best_departure
 from planning.path.edge_motion import EdgeParams, plan_motion
@@ -194,7 +195,7 @@ def context_fingerprint(station: Station, method: str, solver: str = DEFAULT_SOL
     for name in LIBRARIES:
         digest.update(f"{name}={_version(name)};".encode())
     robot = station.robot
-    digest.update(f"{code_fingerprint()}{robot.fingerprint}{robot.shape_fingerprint}".encode())
+    digest.update(f"{code_fingerprint()}{robot.fingerprint}{shape_fingerprint(robot)}".encode())
     for body in (*station.tool_bodies, *station.obstacles):
         _digest_body(digest, body)
     return digest.hexdigest()

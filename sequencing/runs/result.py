@@ -62,7 +62,8 @@ def input_hashes(station: Station) -> dict[str, str]:
             if len(text) < 250 and "\n" not in text and path.is_file():
                 hashes[Path(text).as_posix()] = sha256_of(path)
     urdf = Path(station.robot.urdf)
-    meshes = (Path(item.meshPath) for item in station.robot.geometry().geometryObjects)
+    shapes = (item.shape.mesh for item in station.robot.link_shapes())
+    meshes = (path for path in shapes if path is not None)
     for path in (urdf, urdf.with_name("robot.yaml"), *meshes):
         if path.is_file():
             hashes[f"robot/{path.name}"] = sha256_of(path)
