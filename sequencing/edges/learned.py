@@ -120,7 +120,8 @@ def fit_estimate(
     Edges without a motion (inf) teach nothing about cost and are left out.
     """
     good = np.isfinite(cost)
-    model = fit_process(features[good], np.round(np.log(cost[good] / rough_cost[good]), DIGITS))
+    targets: Array = np.log(cost[good] / rough_cost[good])
+    model = fit_process(features[good], np.round(targets, DIGITS))
     held_features, held_rough, held_cost = held
     usable = np.isfinite(held_cost)
     mean, spread = model.predict(held_features[usable])

@@ -18,6 +18,7 @@ from sequencing.bounds import power_bound
 from sequencing.bounds.curves import shortest_time
 from sequencing.edges.estimates import straight_line
 from sequencing.edges.learned import fit_estimate
+from sequencing.edges.line_torques import line_sums
 from sequencing.edges.regression import _exp, fit_process
 
 
@@ -112,6 +113,26 @@ def test_straight_line_cost_equals_its_integral(robot) -> None:
             u = pin.rnea(robot.model, data, starts[k] + s * delta, v, a)
             total += (cost.time + cost.effort * u @ u + cost.velocity * v @ v) / 4000
         assert line.cost[k] == pytest.approx(total * duration, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", ["ur10e_class", "irb6640_class", "planar2"])
+def test_line_sums_are_those_of_pinocchio_s_inverse_dynamics(name) -> None:
+    import pinocchio as pin
+
+    robot = load_robot(name)
+    if robot.num_joints == 6:
+        robot = robot.with_base(pin.SE3(pin.utils.rotate("x", 0.4), np.ones(3))).with_payload(5.0)
+    rng, data = np.random.default_rng(8), robot.model.createData()
+    start, goal = rng.uniform(-2.0, 2.0, (2, 30, robot.num_joints))
+    rule = rng.uniform(0.1, 2.0, (3, 4))
+    expected, zero = np.zeros((30, 3)), np.zeros(robot.num_joints)
+    for k, (q0, d) in enumerate(zip(start, goal - start)):
+        for weight, s, first, second in rule:
+            still = pin.rnea(robot.model, data, q0 + s * d, zero, zero)
+            u = pin.rnea(robot.model, data, q0 + s * d, first * d, second * d) - still
+            expected[k] += weight * np.array([still @ still, 2 * still @ u, u @ u])
+    found = line_sums(robot.model, start, goal, rule)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_straight_line_duration_is_the_best_one(robot) -> None:
