@@ -93,7 +93,6 @@ _PACKAGES = (
     "ompl",
     "pin",
     "python-fcl",
-    "scikit-learn",
     "scipy",
     "toppra",
     "trimesh",
