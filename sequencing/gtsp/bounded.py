@@ -29,8 +29,8 @@ def search_states(relaxation: Relaxation, limit: int) -> tuple[bool, np.ndarray 
     The nodes (m,) are those of the rooted problem; `states` counts all that were kept.
     """
     r = relaxation
-    r._memory_tables()
-    price, leave = r.completion()
+    r.fill_memory()
+    price, leave = r.backward(r.lam)
     firsts = (
         leave + r.togo[1][r.tables.offset[r.cluster] + np.arange(len(r.node)) - r.ptr[r.cluster]]
     )
