@@ -147,16 +147,19 @@ def check(
 @command
 def init(
     console: Console,
-    urdf: Annotated[Path, typer.Argument(help="Robot (URDF).")],
-    part: Annotated[Path, typer.Argument(help="Part mesh (STL, OBJ or GLB).")],
+    urdf: Annotated[Path, typer.Argument(help="Robot (URDF or xacro).")],
+    part: Annotated[Path, typer.Argument(help="Part mesh (STL, OBJ, GLB, PLY or DAE).")],
     studs: Annotated[Path, typer.Argument(help="Studs (CSV).")],
     out: Path | None,
     unit: Annotated[str, typer.Option(help="Unit of the mesh: m or mm.")] = "m",
+    package_path: Annotated[
+        list[Path] | None, typer.Option(help="Folder with the robot's ROS packages (repeatable).")
+    ] = None,
 ) -> CommandResult:
     """Write a commented station.yaml from a robot, a part and studs."""
     from sequencing.commands.check import run_init
 
-    return run_init(console, urdf, part, studs, out, unit)
+    return run_init(console, urdf, part, studs, out, unit, package_path or [])
 
 
 @command

@@ -58,7 +58,7 @@ def place_positions(name: str) -> np.ndarray:
 def inverse_kinematics(robot: Robot, tip_m: np.ndarray, seed_rad: np.ndarray) -> np.ndarray:
     """Joint vector (n,) that puts the gripper, pointing down, at `tip_m` (world)."""
     model, data = robot.model, robot.model.createData()
-    frame = model.getFrameId(robot.flange)
+    frame = robot.flange_id
     heading = np.arctan2(*(tip_m - robot.base.translation)[[1, 0]])
     # The flange's x axis points down, its y axis across the line of sight.
     down = pin.utils.rotate("z", heading) @ pin.utils.rotate("y", np.pi / 2)

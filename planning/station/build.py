@@ -266,9 +266,8 @@ def _allowed(
     named: Sequence[Sequence[str]],
 ) -> tuple[tuple[str, str], ...]:
     model = robot.model
-    shaped = {model.frames[item.parentFrame].name for item in robot.geometry().geometryObjects}
-    links = [(f.name, f.parentJoint) for f in model.frames if f.name in shaped]
-    carrier = model.frames[model.getFrameId(robot.flange)].parentJoint
+    links = list({item.link: item.joint for item in robot.link_shapes()}.items())
+    carrier = model.frames[robot.flange_id].parentJoint
     links += [(body.name, carrier) for body in bodies]
     tools = {body.name for body in bodies}
     pairs = {tuple(sorted(pair)) for pair in (*robot.allowed_collisions, *named)}

@@ -62,7 +62,9 @@ def input_hashes(station: Station) -> dict[str, str]:
             if len(text) < 250 and "\n" not in text and path.is_file():
                 hashes[Path(text).as_posix()] = sha256_of(path)
     urdf = Path(station.robot.urdf)
-    for path in (urdf, urdf.with_name("robot.yaml")):
+    shapes = (item.shape.mesh for item in station.robot.link_shapes())
+    meshes = (path for path in shapes if path is not None)
+    for path in (urdf, urdf.with_name("robot.yaml"), *meshes):
         if path.is_file():
             hashes[f"robot/{path.name}"] = sha256_of(path)
     return dict(sorted(hashes.items()))
@@ -123,6 +125,7 @@ class RunResult(TypedDict):
     motions: list[dict[str, Any]]
     tables: dict[str, Any] | None
     polish: dict[str, Any] | None
+    second_look: dict[str, Any] | None
     files: dict[str, str]
 
 
@@ -162,6 +165,7 @@ def result_of_motions(
         "motions": [motion_entry(item, cost) for item in motions],
         "tables": None,
         "polish": None,
+        "second_look": None,
         "files": dict(sorted(files.items())),
     }
 
@@ -207,6 +211,7 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
         ],
         "tables": tables_entry(cycle.tables),
         "polish": None if cycle.polish is None else cycle.polish.to_dict(),
+        "second_look": None if cycle.second_look is None else asdict(cycle.second_look),
     }
 
 

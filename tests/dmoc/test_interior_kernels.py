@@ -14,7 +14,7 @@ from dmoc.interior.point_kernels import Box, gather_rows, gradients
 from dmoc.interior.system import NewtonSystem
 from dmoc.motion.constraints import MotionLimits, TorqueSpeed
 from dmoc.programme.builder import Families, motion_programme
-from dmoc.programme.curve_limits import Margins, no_lag
+from dmoc.programme.curve_limits import no_lag, no_margins
 from dmoc.programme.numbers import parameters, variable_bounds
 from tests.naive.naive_newton import dense_solution, has_right_inertia, places
 
@@ -122,10 +122,10 @@ def test_flat_derivatives_are_those_of_the_assembled_programme(tmp_path, familie
     )
     motion = motion_programme(problem, families)
     rng = np.random.default_rng(3)
-    margins = Margins(no_lag(6, 3), np.zeros((6, 3)), np.zeros((5, 3)))
+    margins = no_margins(no_lag(6, 3))
     margins = replace(margins, mobility=rng.normal(size=(5, 3, 3)))
     p = parameters(problem, motion, rng.normal(size=(6, 6 * families.half_spaces)), margins)
-    lower, upper = variable_bounds(problem, motion, None)
+    lower, upper = variable_bounds(problem, motion, None, margins.inside)
     x = rng.uniform(np.maximum(lower, -2), np.minimum(upper, 2))
     x[motion.layout.step] = 0.1
     frames = frames_of(motion)

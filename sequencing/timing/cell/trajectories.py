@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import csv
 import itertools
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
+from dmoc.arrays import arrays_of
 from dmoc.curves.trapezoid import trapezoid_motion
 from dmoc.errors import DmocError, Fault, InputError
-from dmoc.input_file import Refuse
+from dmoc.input_file import Refuse, content_of
 from dmoc.motion.trajectory import JointTrajectory, inverse_dynamics
 from dmoc.robot.robot import Robot
 from sequencing.timing.cell.schema import LoadEntry
@@ -112,9 +111,8 @@ def _loads(robot: Robot, payloads: list[float]) -> tuple[Robot, ...]:
 
 def _from_archive(path: Path, robot: Robot, payload_kg: float) -> FolderMotions:
     try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: np.array(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, AttributeError, BadZipFile, zlib.error) as error:
+        arrays = arrays_of(content_of(path))
+    except (OSError, ValueError) as error:
         raise InputError.of(
             "motions-damaged",
             str(path),

@@ -190,7 +190,7 @@ def _terms(
     data = model.createData()
     zero = np.zeros(robot.num_joints)
     static, inertia, speed = (np.empty_like(q) for _ in range(3))
-    frame = model.getFrameId(robot.flange)
+    frame = robot.flange_id
     for k in range(len(q)):
         gravity = pin.rnea(model, data, q[k], zero, zero)
         inertia[k] = pin.rnea(model, data, q[k], zero, qd[k]) - gravity

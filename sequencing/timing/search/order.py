@@ -1,6 +1,6 @@
 """Searches of the first level: which trajectories share a window, and in which order jobs run.
 
-Two freedoms, both over an abstract cost (see `first_level` for what a window costs):
+Two freedoms, both over an abstract cost (see `levels` for what a window costs):
 
 * *alignment*: each robot keeps its order; a window advances some robots by one trajectory while
   the others wait. `align` finds the cheapest path through the lattice of counts that needs no more
