@@ -1,6 +1,7 @@
 """The object that result.json holds: everything about a run except how long it took."""
 
 from __future__ import annotations
+import math
 import numpy as np
 from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.trajectory import JointTrajectory
@@ -262,4 +263,10 @@ def tables_entry(tables: Tables) -> dict[str, Any]:
         "time_based_totals": list(tables.time_based_totals),
         "energy_based": tables.energy_based.to_dict(),
         "saving_percent": tables.saving_percent,
+        "least_time": None if tables.least_time is None else tables.least_time.to_dict(),
+        "saving_against_least_time_percent": tables.saving_against_least_time_percent,
+        "travel_s": {
+            name: value if math.isfinite(value) else None
+            for name, value in zip(("old", "least_time", "new"), tables.travel_s, strict=True)
+        },
     }
