@@ -12,6 +12,7 @@ from dmoc.motion.clearance import Certificate, Clearance
 from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointPath, JointTrajectory
+from dmoc.physics.running_cost import executed_cost
 from dmoc.programme.types import Guess, NlpSolution
 from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.iterate import (
@@ -21,9 +22,9 @@ from dmoc.refinement.iterate import (
     iterate_from_path,
     iterate_from_trajectory,
 )
-from dmoc.refinement.params import Method, RefineParams, Trace
+from dmoc.refinement.params import METHOD_NAMES, Method, RefineParams, Trace
 from dmoc.refinement.points import View, look, points_of
-from dmoc.refinement.steps import Stage, Step, demanded, take_step
+from dmoc.refinement.steps import RefineRound, Step, demanded, take_step
 from dmoc.refinement.watch import repaired_stage, restart, watching
 from dmoc.solving.nlp import solve_nlp
 
@@ -107,7 +108,7 @@ def _unconstrained(
         if certificate is None or not certificate.ok:
             break
     assert solution is not None
-    return _motion(problem, solution, certificate if solution.status.ok else None, used)
+    return _motion(problem, "none", solution, certificate if solution.status.ok else None, used)
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class _Descent:
     `solution` is that of the iterate, None if no step was accepted.
     """
 
-    stage: Stage
+    stage: RefineRound
     iterate: Iterate
     view: View
     trust_rad: Array
@@ -138,7 +139,7 @@ class _Loop:
     def run(self, first: Iterate) -> Motion:
         params = self.params
         points = points_of(self.problem, params.fractions)
-        stage = Stage(
+        stage = RefineRound(
             self.problem,
             self.clearance,
             self.method,
@@ -164,7 +165,7 @@ class _Loop:
             trust, outer, solution = descent.trust_rad, descent.outer, descent.solution
             used += descent.solver_iterations
             if solution is not None and iterate.cost > self.worth:
-                dear = _motion(self.problem, solution, None, used)
+                dear = _motion(self.problem, self.method, solution, None, used)
                 return dear.replace(note="dearer than a motion that is known")
             last = None
             if solution is None or self._wants_tight(solution):
@@ -179,7 +180,7 @@ class _Loop:
                 solution = last.solution
             elif solution.max_defect <= params.largest_defect or (last and last.accepted):
                 certificate = self.clearance.certify(iterate.trajectory(self.problem))
-            motion = _motion(self.problem, solution, certificate, used)
+            motion = _motion(self.problem, self.method, solution, certificate, used)
             if motion.certified or stage.repair >= params.repair_rounds:
                 return motion
             repaired = repaired_stage(stage, certificate)
@@ -191,7 +192,7 @@ class _Loop:
 
     def _descend(
         self,
-        stage: Stage,
+        stage: RefineRound,
         iterate: Iterate,
         view: View,
         trust: Array,
@@ -236,8 +237,8 @@ class _Loop:
         return _Descent(stage, iterate, view, trust, outer, used, solution)
 
     def _settled(
-        self, stage: Stage, iterate: Iterate, view: View, trust: Array, outer: int
-    ) -> tuple[Stage, Step, int]:
+        self, stage: RefineRound, iterate: Iterate, view: View, trust: Array, outer: int
+    ) -> tuple[RefineRound, Step, int]:
         """The last tight step, and more while one falls short of what was asked; their iterations.
 
         Such a step is the last that was accepted, or the first.
@@ -263,13 +264,13 @@ class _Loop:
         step = float(np.max(np.abs(after.q_rad - before.q_rad)))
         return np.minimum(trust, self.params.shrink * step)
 
-    def _is_short(self, stage: Stage, view: View) -> bool:
+    def _is_short(self, stage: RefineRound, view: View) -> bool:
         """Whether half-spaces keep less than was asked and a share of what is aimed for above."""
         if self.method != "halfspaces":
             return False
         return bool(np.any(view.phi_m < stage.required_m - _SPENT * self.params.spare_m))
 
-    def _freed(self, stage: Stage, iterate: Iterate, view: View) -> tuple[Iterate, View, int]:
+    def _freed(self, stage: RefineRound, iterate: Iterate, view: View) -> tuple[Iterate, View, int]:
         """A seed that is free at all watched points, for boxes, which cannot leave a violation.
 
         A path sampled on N knots may cut a corner; a few half-space steps push it out.
@@ -290,7 +291,11 @@ class _Loop:
 
 
 def _motion(
-    problem: MotionProblem, solution: NlpSolution, certificate: Certificate | None, used: int
+    problem: MotionProblem,
+    method: Method,
+    solution: NlpSolution,
+    certificate: Certificate | None,
+    used: int,
 ) -> Motion:
     usable = bool(solution.status.ok)
     certified = bool(usable and certificate is not None and certificate.ok)
@@ -305,10 +310,11 @@ def _motion(
                 f"interval {f.interval}, fraction {f.fraction:.3g}: {f.pair[0]} - {f.pair[1]} at "
                 f"{1e3 * f.distance_m:.1f} mm"
             )
-    return Motion(
+    trajectory = Iterate.of(solution).trajectory(problem) if usable else None
+    motion = Motion(
         status=status,
         source="refined",
-        trajectory=Iterate.of(solution).trajectory(problem) if usable else None,
+        trajectory=trajectory,
         cost=solution.cost if usable else float("inf"),
         smoothing_cost=solution.smoothing_cost,
         iterations=used,
@@ -317,4 +323,7 @@ def _motion(
         proven_clearance_m=None if certificate is None else certificate.proven_clearance_m,
         certified=certified,
         note=note,
+        solver=solution.solver,
+        method=METHOD_NAMES[method],
     )
+    return motion if trajectory is None else motion.judged(executed_cost(problem, trajectory))

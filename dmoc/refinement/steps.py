@@ -10,13 +10,14 @@ import numpy.typing as npt
 from dmoc.arrays import Array
 from dmoc.motion.clearance import Clearance
 from dmoc.motion.motion import MotionProblem
-from dmoc.programme.types import Box, NlpSolution, PathRows, SolveParams
+from dmoc.programme.types import Box, NlpSolution, PathRows
 from dmoc.refinement.boxes import box_half_widths, kept_level
 from dmoc.refinement.halfspaces import half_spaces
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 from dmoc.refinement.params import Method, RefineParams, RefineRecord, Trace
 from dmoc.refinement.points import View, knots_of, look, required_clearance
 from dmoc.solving.nlp import solve_nlp
+from dmoc.solving.solvers import SolveParams
 
 # An iterate that violates may come back this much nearer without being called worse.
 _SAME_M = 1e-4
@@ -28,7 +29,7 @@ _MOST_FAILURES = 2
 
 
 @dataclass(frozen=True)
-class Stage:
+class RefineRound:
     """What stays the same over the outer iterations between two repairs.
 
     `base` are the points that are always checked, `margin_m` (N,) what a repair demands more in
@@ -47,7 +48,7 @@ class Stage:
     trace: Trace | None = None
 
 
-def demanded(stage: Stage, points: Points) -> Array:
+def demanded(stage: RefineRound, points: Points) -> Array:
     """What `stage` demands at any points (P,) [m]. Boxes know no spare: they are as published."""
     spare = stage.params.spare_m if stage.method == "halfspaces" else 0.0
     required = required_clearance(
@@ -69,7 +70,7 @@ class Step:
 
 
 def take_step(
-    stage: Stage,
+    stage: RefineRound,
     iterate: Iterate,
     view: View,
     trust_rad: Array,
@@ -143,7 +144,9 @@ def take_step(
     return Step(iterate, view, trust_rad * scale, False, used, solution)
 
 
-def _half_widths(stage: Stage, view: View, fixed: npt.NDArray[np.bool_], trust_rad: Array) -> Array:
+def _half_widths(
+    stage: RefineRound, view: View, fixed: npt.NDArray[np.bool_], trust_rad: Array
+) -> Array:
     if stage.method == "boxes":
         half = box_half_widths(
             stage.clearance, view, stage.points, stage.required_m, fixed, stage.params
@@ -155,7 +158,7 @@ def _half_widths(stage: Stage, view: View, fixed: npt.NDArray[np.bool_], trust_r
 
 
 def _rows(
-    stage: Stage, view: View, half: Array, push_out_m: float, rows_per_point: int
+    stage: RefineRound, view: View, half: Array, push_out_m: float, rows_per_point: int
 ) -> PathRows | None:
     if stage.method == "boxes":
         return None
@@ -170,7 +173,7 @@ def _box(problem: MotionProblem, iterate: Iterate, half: Array) -> Box:
     )
 
 
-def _threshold(stage: Stage, iterate: Iterate, view: View) -> Array:
+def _threshold(stage: RefineRound, iterate: Iterate, view: View) -> Array:
     """What a candidate must keep at every point (P,)."""
     floor = np.minimum(stage.params.floor_m, stage.required_m)
     if stage.method == "halfspaces":
@@ -188,7 +191,7 @@ def _threshold(stage: Stage, iterate: Iterate, view: View) -> Array:
     return np.where(view.phi_m >= stage.required_m, free, near)
 
 
-def _is_freer(stage: Stage, before: View, after: View) -> bool:
+def _is_freer(stage: RefineRound, before: View, after: View) -> bool:
     """Whether half-spaces on the way out of a violation got nearer to the floor as a whole.
 
     Point by point would be too strict: while a deep point comes out, a shallow one may sink.
@@ -204,7 +207,7 @@ def _is_freer(stage: Stage, before: View, after: View) -> bool:
 
 
 def _shrunk(
-    stage: Stage,
+    stage: RefineRound,
     candidate: Iterate,
     iterate: Iterate,
     half: Array,
@@ -224,7 +227,7 @@ def _shrunk(
     return np.where(beside, params.shrink_beside * taken, out)
 
 
-def _grown(stage: Stage, trust: Array) -> Array:
+def _grown(stage: RefineRound, trust: Array) -> Array:
     params = stage.params
     if stage.method == "boxes":
         # The next boxes follow from the new distances; a backtracked knot recovers step by step.

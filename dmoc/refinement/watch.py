@@ -16,13 +16,13 @@ from dmoc.arrays import Array
 from dmoc.motion.clearance import Certificate, Clearance, Rows
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 from dmoc.refinement.points import View, joined, look
-from dmoc.refinement.steps import Stage, demanded
+from dmoc.refinement.steps import RefineRound, demanded
 
 # Deeper than this the iterate has jumped through something: going back beats pushing out.
 _SHALLOW_M = 0.01
 
 
-def repaired_stage(stage: Stage, certificate: Certificate | None) -> Stage | None:
+def repaired_stage(stage: RefineRound, certificate: Certificate | None) -> RefineRound | None:
     """The next stage, which watches the nearest failing place of every interval and demands more
     there; None where nothing can be done (the failures lie between given knots).
     """
@@ -49,7 +49,7 @@ def repaired_stage(stage: Stage, certificate: Certificate | None) -> Stage | Non
 
 
 def restart(
-    stage: Stage, before: Stage, iterate: Iterate, history: list[Iterate], trust: Array
+    stage: RefineRound, before: RefineRound, iterate: Iterate, history: list[Iterate], trust: Array
 ) -> tuple[Iterate, Array]:
     """Where the repaired stage goes on, and its trust region.
 
@@ -87,7 +87,7 @@ _PLACES, _FINER = 8, 4
 _SAME = 1.0 / 256
 
 
-def watching(stage: Stage, iterate: Iterate, view: View) -> tuple[Stage, View]:
+def watching(stage: RefineRound, iterate: Iterate, view: View) -> tuple[RefineRound, View]:
     """`stage` with the places of `iterate` that come nearest, in place of those of before.
 
     `view` is that of `iterate` at the points of `stage`; returned is the one at the new points.

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from planning.arm.screws import Chain, rotation_about
+from planning.arm.screws import ScrewAxes, rotation_about
 
 #: How far (relative) a cosine may exceed one and still count as the double solution.
 SLACK = 1e-9
@@ -99,7 +99,7 @@ SAMPLES = 16
 NUM_BRANCHES = 8
 
 
-def closed_form(chain: Chain) -> Callable[[Array], Branches] | None:
+def closed_form(chain: ScrewAxes) -> Callable[[Array], Branches] | None:
     """The solver of this arm's family, or None.
 
     It maps end poses (K, 4, 4) to angles (K, B, 6), not wrapped to limits, and whether each
@@ -121,11 +121,11 @@ def closed_form(chain: Chain) -> Callable[[Array], Branches] | None:
     return None
 
 
-def _parallel(chain: Chain, i: int, j: int) -> bool:
+def _parallel(chain: ScrewAxes, i: int, j: int) -> bool:
     return bool(np.linalg.norm(np.cross(chain.axis[i], chain.axis[j])) < _NEAR)
 
 
-def _meeting_point(chain: Chain, joints: tuple[int, ...]) -> Array | None:
+def _meeting_point(chain: ScrewAxes, joints: tuple[int, ...]) -> Array | None:
     """The point common to the axes, by least squares over the lines, if there is one."""
     normal = np.zeros((3, 3))
     right = np.zeros(3)
@@ -149,7 +149,9 @@ def _turned(axis: Array, angle: Array, vector: Array) -> Array:
     )
 
 
-def _elbow(chain: Chain, point: Array, target: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+def _elbow(
+    chain: ScrewAxes, point: Array, target: Array
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     """q2, q3 (K, 2) that bring `point` (3,) to `target` (K, 3), and existence (K,).
 
     Axes 2 and 3 are parallel; heights along them must agree already. The distance of the moved
@@ -168,7 +170,7 @@ def _elbow(chain: Chain, point: Array, target: Array) -> tuple[Array, Array, npt
     return q2, np.asarray(sign * turn), exists
 
 
-def _spherical_wrist(chain: Chain, wrist: Array, poses: Array) -> Branches:
+def _spherical_wrist(chain: ScrewAxes, wrist: Array, poses: Array) -> Branches:
     axis, count = chain.axis, len(poses)
     motion = poses @ np.linalg.inv(chain.home)
     target = motion[:, :3, :3] @ wrist + motion[:, :3, 3]
@@ -208,7 +210,7 @@ def _without_unused(q: Array, found: npt.NDArray[np.bool_]) -> Branches:
     return q[:, :NUM_BRANCHES], found[:, :NUM_BRANCHES]
 
 
-def _wrist(chain: Chain, turn: Array) -> Branches:
+def _wrist(chain: ScrewAxes, turn: Array) -> Branches:
     """(q4, q5, q6) (K, 2 + SAMPLES, 3) with R4 R5 R6 = turn (K, 3, 3): two, and samples of q4."""
     h4, h5, h6 = chain.axis[3:]
     pointing = turn @ h6
@@ -234,7 +236,7 @@ def _wrist(chain: Chain, turn: Array) -> Branches:
     return q, exists
 
 
-def _three_parallel(chain: Chain, corner: Array, poses: Array) -> Branches:
+def _three_parallel(chain: ScrewAxes, corner: Array, poses: Array) -> Branches:
     axis, point, count = chain.axis, chain.point, len(poses)
     h2, h6 = axis[1], axis[5]
     motion = poses @ np.linalg.inv(chain.home)
@@ -284,7 +286,9 @@ def _three_parallel(chain: Chain, corner: Array, poses: Array) -> Branches:
     return _without_unused(q, found)
 
 
-def _free_totals(chain: Chain, lever: Array, local: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _free_totals(
+    chain: ScrewAxes, lever: Array, local: Array
+) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Sums of joints 2, 3, 4 (K, SAMPLES) at which the elbow reaches a straight wrist (K, 3).
 
     The axis-4 point lies on a circle around the wrist: at an angle ψ from the line that leads away

@@ -12,7 +12,7 @@ from dmoc.arrays import Array
 from dmoc.robot.robot import Robot
 from planning.arm.closed_forms import NUM_BRANCHES, STRAIGHT, closed_form
 from planning.arm.numeric import converge, multi_start
-from planning.arm.screws import Chain, chain_of, pose_error
+from planning.arm.screws import ScrewAxes, chain_of, pose_error
 
 #: Largest error of a returned solution [m, rad].
 TOLERANCE = 1e-9
@@ -66,7 +66,7 @@ def inverse(robot: Robot, poses: Array, seed: int = 0) -> Solutions:
     )
 
 
-def _branches(chain: Chain, poses: Array, seed: int) -> list[tuple[Array, Array]]:
+def _branches(chain: ScrewAxes, poses: Array, seed: int) -> list[tuple[Array, Array]]:
     """Distinct solutions of each pose, modulo full turns: exact ones, and of a nearly straight
     wrist the samples."""
     solve = closed_form(chain)
@@ -121,7 +121,9 @@ def wraps(q_rad: Array, lower_rad: Array, upper_rad: Array) -> Array:
 _STEP_M = 0.004
 
 
-def follow_line(chain: Chain, q_rad: Array, offset_m: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+def follow_line(
+    chain: ScrewAxes, q_rad: Array, offset_m: Array
+) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Joint vectors along tip lines of constant orientation, by continuation.
 
     `q_rad` (A, n) starts; `offset_m` (A, m, 3) displacements of the tip from its start, in the

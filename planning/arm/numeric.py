@@ -6,14 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from planning.arm.screws import Chain, pose_error
+from planning.arm.screws import ScrewAxes, pose_error
 
 #: Errors below this get no further step [m, rad].
 _ENOUGH = 1e-12
 
 
 def converge(
-    chain: Chain, poses: Array, start_rad: Array, iterations: int = 60
+    chain: ScrewAxes, poses: Array, start_rad: Array, iterations: int = 60
 ) -> tuple[Array, npt.NDArray[np.bool_]]:
     """Newton-like steps from (K, n) starts to (K, 4, 4) poses; angles, and where they arrived.
 
@@ -44,7 +44,7 @@ def converge(
     return kept, best <= 1e-9
 
 
-def multi_start(chain: Chain, pose: Array, starts: int, seed: int) -> Array:
+def multi_start(chain: ScrewAxes, pose: Array, starts: int, seed: int) -> Array:
     """Solutions (S, n) of one pose (4, 4) within limits from seeded random starts, distinct ones.
 
     For six joints this finds every branch with high probability (more starts, surer); with more

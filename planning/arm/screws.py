@@ -11,7 +11,7 @@ from dmoc.robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class ScrewAxes:
     """Screw axes of an arm in its zero configuration, in world axes.
 
     `axis` (n, 3) unit vectors h_i, `point` (n, 3) points o_i on them [m], `home` (4, 4) the end
@@ -61,7 +61,7 @@ class Chain:
         return products
 
 
-def chain_of(robot: Robot) -> Chain:
+def chain_of(robot: Robot) -> ScrewAxes:
     """The chain from the world to the robot's tool tip."""
     model = robot.model
     pose = np.eye(4)
@@ -72,9 +72,9 @@ def chain_of(robot: Robot) -> Chain:
         local = np.array(model.joints[i].createData().S).reshape(6)[3:]
         axes.append(pose[:3, :3] @ local)
         points.append(pose[:3, 3].copy())
-    frame = model.frames[model.getFrameId(robot.flange)]
+    frame = model.frames[robot.flange_id]
     home = pose @ frame.placement.homogeneous @ robot.tool.tip.homogeneous
-    return Chain(np.array(axes), np.array(points), home, robot.q_lower_rad, robot.q_upper_rad)
+    return ScrewAxes(np.array(axes), np.array(points), home, robot.q_lower_rad, robot.q_upper_rad)
 
 
 def rotation_about(axis: Array, angle_rad: Array) -> Array:

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, RobotError
-from planning.collision.kernels.layout import Chain, Pairs, Solids, Work
+from planning.collision.kernels.layout import JointTable, Pairs, Solids, Work
 from planning.collision.pieces import Piece
 
 KINDS = {"convex": 0, "box": 1, "cylinder": 2, "sphere": 3}
@@ -59,7 +59,7 @@ def _joint(model: pin.Model, data: pin.Data, index: int) -> _Joint:
     return _Joint(1, column[:3])
 
 
-def pack_chain(model: pin.Model) -> Chain:
+def pack_chain(model: pin.Model) -> JointTable:
     """The joints of `model`. Errors: `RobotError` for a joint with more than one coordinate."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -75,7 +75,7 @@ def pack_chain(model: pin.Model) -> Chain:
         frame[j] = np.concatenate([placement.rotation.ravel(), placement.translation, joint.axis])
         above[j] = above[parent]
         above[j, j] = True
-    return Chain(info, frame, above)
+    return JointTable(info, frame, above)
 
 
 def pack_solids(pieces: Sequence[Piece]) -> Solids:

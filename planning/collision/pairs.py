@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError
-from planning.collision.kernels.layout import Chain, Solids, Work
+from planning.collision.kernels.layout import JointTable, Solids, Work
 from planning.collision.kernels.never import never_touch
 from planning.collision.packed import workspace
 from planning.collision.pieces import Mounted, Piece
@@ -25,7 +25,7 @@ _known: dict[bytes, bool] = {}
 def pairs_that_never_touch(
     pieces: Sequence[Piece],
     pairs: Sequence[tuple[str, str]],
-    chain: Chain,
+    chain: JointTable,
     solids: Solids,
     limits: tuple[Array, Array],
     clearance_m: Mapping[tuple[str, str], float],
@@ -57,7 +57,7 @@ def pairs_that_never_touch(
 def _never(
     i: int,
     k: int,
-    chain: Chain,
+    chain: JointTable,
     solids: Solids,
     limits: tuple[Array, Array],
     room: tuple[Array, Work, Array],

@@ -8,9 +8,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dmoc.arrays import Array, readonly
+from dmoc.arrays import Array, StaysReadonly, readonly
 
 Kind = Literal["box", "cylinder", "sphere", "convex", "mesh"]
+SOLIDS: dict[str, Kind] = {"box": "box", "cylinder": "cylinder", "sphere": "sphere"}
 
 
 def pose_matrix(position_m: Any = (0, 0, 0), quaternion_xyzw: Any = (0, 0, 0, 1)) -> Array:
@@ -26,18 +27,8 @@ def pose_matrix(position_m: Any = (0, 0, 0), quaternion_xyzw: Any = (0, 0, 0, 1)
     return matrix
 
 
-class _Pickled:
-    """Arrays come back read-only from a pickle."""
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
-
-
 @dataclass(frozen=True, eq=False)
-class Shape(_Pickled):
+class Shape(StaysReadonly):
     """One solid (or, for `mesh`, one triangle soup) in its body's frame.
 
     `size_m`: box (x, y, z edge lengths); cylinder (radius, length, axis z, centred); sphere
@@ -62,7 +53,7 @@ class Shape(_Pickled):
 
 
 @dataclass(frozen=True, eq=False)
-class Body(_Pickled):
+class Body(StaysReadonly):
     """A named rigid body: convex `shapes` cover it (distances are measured to them).
 
     `mesh` keeps the original triangles, where there are any (pictures, second opinion, sampled

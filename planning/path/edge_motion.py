@@ -15,6 +15,7 @@ from dmoc.programme.types import Guess
 from dmoc.refinement import RefineParams, refine
 from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.certificate import LEVEL_TOLERANCE
 from planning.collision.world import CollisionWorld, EdgeClearance
 from planning.path.rrt_connect import PathResult, plan_path
@@ -55,7 +56,9 @@ def plan_motion(
     method: Method = "halfspaces",
     params: EdgeParams = EdgeParams(),
     guess: JointTrajectory | None = None,
+    guess_planner: str = "none",
     free_guess: Guess | None = None,
+    solver: str = DEFAULT_SOLVER,
 ) -> Motion:
     """The certified motion of `problem` in a station, or the reason why there is none.
 
@@ -69,7 +72,8 @@ def plan_motion(
     none is, the cheapest certified one (boxes stop at 0.1 % in both). What falls short says so in
     `note`. If no refined motion is
     certified, the time-scaled path is (`source="fallback"`). `seed` makes it repeatable; `world` is
-    the one of `clearance`, and its `clearance_m` is the demanded d_c.
+    the one of `clearance`, and its `clearance_m` is the demanded d_c. `planner` of the motion is
+    who planned the path that its start came from; of `guess` that is `guess_planner`.
 
     Failures are statuses: `in_collision` (an end, with the pair in `note`), `no_path`,
     `uncertified` (interval and pair in `note`), and what the solver reports.
@@ -77,6 +81,7 @@ def plan_motion(
     settings = params.refine
     if settings is None:
         settings = RefineParams.screening() if quality == "screen" else RefineParams()
+        settings = settings.by(solver)
         asked = max(world.clearance_m, clearance.tracking_error_m)
         spare = max(LEAST_SPARE_M, 2.5 * LEVEL_TOLERANCE * asked)
         settings = settings.replace(clearance_m=asked, spare_m=spare)
@@ -87,35 +92,42 @@ def plan_motion(
     if blocked is not None:
         return blocked
     free = refine(problem, free_guess, clearance, method="none", params=settings)
+    free = free.replace(planner="none")
     keeps = _keeps(free, world.clearance_m)
     if method == "none" or (free.certified and (keeps or quality == "screen")):
         return free if keeps or not free.certified else _named_shortfall(free, clearance)
     used = free.iterations
-    best, last, paths = free if free.certified else None, free, list[JointPath]()
+    best, last, paths = free if free.certified else None, free, list[PathResult]()
     for start in _starts(problem, clearance, method, seed, params, free, guess):
-        if isinstance(start, PathResult):
+        path: JointPath | JointTrajectory
+        if isinstance(start, JointTrajectory):
+            path, planner = start, guess_planner if start is guess else "none"
+        elif start.path is None:
             if best is None and not paths:
                 last = _without_path(start)
             break
-        if isinstance(start, JointPath):
+        else:
             paths.append(start)
+            path, planner = start.path, start.planner
         last = refine(
             problem,
-            start,
+            path,
             clearance,
             method=method,
             params=settings,
             fallback=False,
             worth=_to_beat(best, world),
-        )
+        ).replace(planner=planner)
         used += last.iterations
         if last.certified and (best is None or _rank(last, world) < _rank(best, world)):
             best = last
         if best is not None and quality == "screen":
             break
-    for path in () if best is not None else paths:
-        best = fallback_motion(problem, path, clearance, note=last.note)
+    for found in () if best is not None else paths:
+        assert found.path is not None
+        best = fallback_motion(problem, found.path, clearance, note=last.note)
         if best is not None:
+            best = best.replace(planner=found.planner)
             break
     if best is None:
         return last.replace(iterations=used)
@@ -168,15 +180,14 @@ def _starts(
     params: EdgeParams,
     free: Motion,
     guess: JointTrajectory | None,
-) -> Iterator[JointTrajectory | JointPath | PathResult]:
-    """Where refinement may start; a `PathResult` says that no (further) path was found."""
+) -> Iterator[JointTrajectory | PathResult]:
+    """Where refinement may start; a `PathResult` without path is the last one."""
     if guess is not None:
         yield guess
     if method == "halfspaces" and _is_shallow(free, params.shallow_m):
         assert free.trajectory is not None
         yield free.trajectory
-    for result in seed_paths(problem, clearance, seed, params):
-        yield result if result.path is None else result.path
+    yield from seed_paths(problem, clearance, seed, params)
 
 
 def _is_shallow(free: Motion, shallow_m: float) -> bool:

@@ -103,7 +103,8 @@ class PathResult:
     `status` is converged, in_collision (`pair` touches at the end that `note` names) or no_path
     (budget used up: `pair` was in the way most often; also with a limit violated, see `note`).
     `checks` counts segment checks and `iterations` the planner's own. `planner` is the one that
-    was there to be used; `note` says so where another one had been asked for.
+    found it (`none` where the straight segment is free); `note` says so where another one had been
+    asked for.
     """
 
     status: Status
@@ -112,7 +113,7 @@ class PathResult:
     note: str = ""
     iterations: int = 0
     checks: int = 0
-    planner: str = ""
+    planner: str = "none"
 
 
 def plan_path(
@@ -156,9 +157,8 @@ def plan_path(
                 fix="leave it out",
             )
         )
-    instead = ""
-    if planner == "ompl" and ob is None:
-        planner, instead = "compiled", "ompl is not installed: compiled trees"
+    asked, planner = planner, available_planner(planner)
+    instead = "" if planner == asked else f"{asked} is not installed: {planner} trees"
     edge = clearance if isinstance(clearance, EdgeClearance) else clearance.clearance()
     world = edge.world
     start, goal = (world.scene.rows_of(q)[0].copy() for q in (start_rad, goal_rad))
@@ -200,7 +200,7 @@ def plan_path(
                         instead,
                         iterations,
                         checks,
-                        planner,
+                        planner if search.iterations else "none",
                     )
             step_m *= 0.5
         else:
@@ -215,6 +215,11 @@ def plan_path(
         note += f", most often in the way: {pair[0]} - {pair[1]}"
     note = "; ".join(part for part in (note, instead) if part)
     return PathResult(Status.NO_PATH, None, pair, note, iterations, checks, planner)
+
+
+def available_planner(name: str = "ompl") -> str:
+    """The planner that answers for `name` here: the compiled one where OMPL is not installed."""
+    return "compiled" if name == "ompl" and ob is None else name
 
 
 def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:

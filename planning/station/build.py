@@ -15,6 +15,7 @@ from dmoc.arrays import Array, readonly
 from dmoc.errors import Fault, InputError
 from dmoc.input_file import FieldPath, InputFaults, confined, read_yaml
 from dmoc.motion.cost import Cost
+from dmoc.order_graph import circle_of
 from dmoc.robot.robot import Robot
 from planning.geometry.nearest import body_distance_m
 from planning.geometry.shapes import Body
@@ -22,7 +23,7 @@ from planning.station.parts import build_obstacle, build_robot, build_tool
 from planning.station.schema import ObstacleEntry, RobotEntry, StationFile, ToolEntry, faults_of
 from planning.station.srdf import read_srdf
 from planning.station.station import Station
-from planning.station.studs import Departure, Stud, read_studs
+from planning.station.studs import DepartureDefault, Stud, read_studs
 
 #: A stud nearer than this to an obstacle sits on it [m].
 ON_PART_M = 0.05
@@ -154,12 +155,12 @@ class _Sections(InputFaults):
             return ()
         return self.attempt(field, lambda: read_srdf(file, known, links)) or ()
 
-    def _departure(self) -> Departure:
+    def _departure(self) -> DepartureDefault:
         from planning.station.schema import DepartureEntry
 
         entry = self._valid(DepartureEntry, self.tree.data.get("departure", {}))
         if entry is None or entry.direction == "normal":
-            return Departure(None, 0.03 if entry is None else entry.length_m)
+            return DepartureDefault(None, 0.03 if entry is None else entry.length_m)
         direction = np.array(entry.direction, dtype=float)
         if np.linalg.norm(direction) < 1e-6:
             self.refuse(("departure", "direction"))(
@@ -168,8 +169,8 @@ class _Sections(InputFaults):
                 "a vector that is not zero",
                 "give a direction, or normal",
             )
-            return Departure(None, entry.length_m)
-        return Departure(readonly(direction, "departure", 1), entry.length_m)
+            return DepartureDefault(None, entry.length_m)
+        return DepartureDefault(readonly(direction, "departure", 1), entry.length_m)
 
 
 def _placed(stud: Stud, obstacles: Sequence[Body], sections: _Sections) -> Stud:
@@ -248,18 +249,11 @@ def _check_pairs(entry: StationFile, names: set[str], studs: set[str], sections:
                     refuse("name-unknown", name, ", ".join(sorted(legal))[:300], "mend the name")
             if pair[0] == pair[1]:
                 refuse("pair", str(pair), "two different names", "remove the pair")
-    before: dict[str, set[str]] = {stud: set() for stud in studs}
-    for first, second in entry.precedence:
-        before.setdefault(second, set()).add(first)
-    while free := [stud for stud, needs in before.items() if not needs]:
-        for stud in free:
-            del before[stud]
-        for needs in before.values():
-            needs.difference_update(free)
-    if before:
+    circle = circle_of((first, second) for first, second in entry.precedence)
+    if circle:
         sections.refuse(("precedence",))(
             "precedence-cycle",
-            " -> ".join(sorted(before)),
+            " -> ".join(circle),
             "an order without a circle",
             "remove one of these precedences",
         )
@@ -272,9 +266,8 @@ def _allowed(
     named: Sequence[Sequence[str]],
 ) -> tuple[tuple[str, str], ...]:
     model = robot.model
-    shaped = {model.frames[item.parentFrame].name for item in robot.geometry().geometryObjects}
-    links = [(f.name, f.parentJoint) for f in model.frames if f.name in shaped]
-    carrier = model.frames[model.getFrameId(robot.flange)].parentJoint
+    links = list({item.link: item.joint for item in robot.link_shapes()}.items())
+    carrier = model.frames[robot.flange_id].parentJoint
     links += [(body.name, carrier) for body in bodies]
     tools = {body.name for body in bodies}
     pairs = {tuple(sorted(pair)) for pair in (*robot.allowed_collisions, *named)}

@@ -8,11 +8,12 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array
+from dmoc.errors import Fault, MeshError, RobotError
 from dmoc.input_file import Refuse, confined
 from dmoc.robot.robot import Robot, Tool, available_robots, load_robot
 from planning.geometry.convex import cover_gap_m, read_pieces, sample_surface
 from planning.geometry.decompose import cached_pieces, split_by_plane
-from planning.geometry.mesh import UNITS, Mesh, load_mesh
+from planning.geometry.mesh import UNITS, Mesh, load_link_mesh, load_mesh
 from planning.geometry.shapes import Body, Shape, pose_matrix
 from planning.station.schema import ObstacleEntry, PoseEntry, RobotEntry, ShapeEntry, ToolEntry
 
@@ -59,12 +60,26 @@ def build_robot(entry: RobotEntry, folder: Path, refuse: Refuse) -> Robot | None
         robot = load_robot(entry.model)
     else:
         robot = load_robot(confined(str(entry.urdf), folder, "", "robot.urdf"))
+    check_link_meshes(robot)
     if entry.mass_scale != 1.0:
         robot = robot.with_mass_scale(entry.mass_scale)
     if entry.torque_scale != 1.0:
         robot = robot.with_limits(torque_limit_nm=entry.torque_scale * robot.torque_limit_nm)
     robot = _narrowed(robot, entry, refuse)
     return robot.with_base(pin.SE3(base[:3, :3].copy(), base[:3, 3].copy()))
+
+
+def check_link_meshes(robot: Robot) -> None:
+    """Read every collision mesh of the robot. Errors: `RobotError` with the faults of all."""
+    faults: list[Fault] = []
+    for item in robot.link_shapes():
+        if item.shape.kind == "mesh":
+            try:
+                load_link_mesh(item.shape, str(robot.urdf), f"link {item.link}.collision")
+            except MeshError as error:
+                faults += error.faults
+    if faults:
+        raise RobotError(faults)
 
 
 def _narrowed(robot: Robot, entry: RobotEntry, refuse: Refuse) -> Robot:

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from dmoc.arrays import Array
+from dmoc.arrays import Array, StaysReadonly
 from dmoc.errors import Fault, InputError
 from dmoc.motion.cost import Cost
 from dmoc.robot.robot import Robot
+from planning.geometry.mesh import shape_fingerprint
 from planning.geometry.shapes import Body
 from planning.station.studs import Stud
 
@@ -30,18 +31,7 @@ def station_fingerprint(station: Station) -> str:
                 digest.update(repr(value).encode())
             digest.update(b"|")
 
-    add(station.robot.fingerprint, station.robot.flange)
-    geometry = station.robot.geometry()
-    for item in geometry.geometryObjects:
-        add(
-            item.parentFrame,
-            item.placement.homogeneous,
-            item.meshPath.rsplit("/", 1)[-1],
-            np.array(item.meshScale),
-            type(item.geometry).__name__,
-        )
-        item.geometry.computeLocalAABB()
-        add(np.array(item.geometry.aabb_local.min_), np.array(item.geometry.aabb_local.max_))
+    add(station.robot.fingerprint, shape_fingerprint(station.robot), station.robot.flange)
     for body in (*station.tool_bodies, *station.obstacles):
         add(body.name, body.pose, body.touches)
         for shape in (*body.shapes, *((body.mesh,) if body.mesh else ())):
@@ -74,7 +64,7 @@ def station_fingerprint(station: Station) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Station:
+class Station(StaysReadonly):
     """What exists in one station, in world axes [m, rad, s].
 
     `robot` has tool inertia, payload and base applied. `tool_bodies` are posed in the flange
@@ -108,12 +98,6 @@ class Station:
 
     def __hash__(self) -> int:
         return hash(self.fingerprint)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
 
     def replace(self, **changes: Any) -> Station:
         """This station with other fields (nothing is checked) and the fingerprint they make.

@@ -6,12 +6,12 @@ import csv
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dmoc.arrays import Array, readonly
+from dmoc.arrays import Array, StaysReadonly, readonly
 from dmoc.errors import Fault, InputError
+from dmoc.input_file import content_of
 
 REQUIRED = ("id", "x_m", "y_m", "z_m", "nx", "ny", "nz", "weld_time_s")
 OPTIONAL = ("spin_free", "group", "depart_x", "depart_y", "depart_z", "depart_m", "on")
@@ -20,7 +20,7 @@ _MOST_BYTES = 20_000_000
 
 
 @dataclass(frozen=True)
-class Departure:
+class DepartureDefault:
     """The station's default: `direction` (3,) world or None (the stud's normal), `length_m`."""
 
     direction: Array | None = None
@@ -28,7 +28,7 @@ class Departure:
 
 
 @dataclass(frozen=True, eq=False)
-class Stud:
+class Stud(StaysReadonly):
     """A weld: the tip's target and the straight line on which the gun leaves it.
 
     `position_m`, `normal`, `depart_direction` are (3,) in world axes, the last two unit vectors;
@@ -50,14 +50,8 @@ class Stud:
         for name in ("position_m", "normal", "depart_direction"):
             object.__setattr__(self, name, readonly(getattr(self, name), name, 1))
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
 
-
-def read_studs(path: Path, departure: Departure = Departure()) -> tuple[Stud, ...]:
+def read_studs(path: Path, departure: DepartureDefault = DepartureDefault()) -> tuple[Stud, ...]:
     """The studs of a CSV (`id,x_m,y_m,z_m,nx,ny,nz,weld_time_s` and optional columns).
 
     Errors: `InputError` with the faults of all rows (code, line, column, value, legal, fix).
@@ -143,7 +137,8 @@ def _text(path: Path) -> str:
                     fix="split the station",
                 )
             )
-        return path.read_text(encoding="utf-8-sig")
+        text = content_of(path, _MOST_BYTES).decode("utf-8-sig")
+        return text.replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise InputError(
             Fault(
@@ -223,7 +218,7 @@ def _check_header(header: list[str], path: Path, faults: list[Fault]) -> None:
 
 
 def _stud(
-    cells: dict[str, str], departure: Departure, path: Path, line: int, faults: list[Fault]
+    cells: dict[str, str], departure: DepartureDefault, path: Path, line: int, faults: list[Fault]
 ) -> Stud | None:
     start = len(faults)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dmoc.arrays import Array, readonly
+from dmoc.arrays import Array, StaysReadonly, readonly
 from dmoc.errors import Fault, ProblemError
 from dmoc.robot.robot import Robot
 from planning.arm.inverse_kinematics import follow_line
@@ -21,7 +21,7 @@ from planning.station.studs import Stud
 
 
 @dataclass(frozen=True, eq=False)
-class Alternative:
+class Alternative(StaysReadonly):
     """One way to weld a stud.
 
     `q_rad` (n,) welds it; `line_rad` (11, n) are the joint vectors at equal fractions of the
@@ -37,12 +37,6 @@ class Alternative:
     def __post_init__(self) -> None:
         object.__setattr__(self, "q_rad", readonly(self.q_rad, "q_rad", 1))
         object.__setattr__(self, "line_rad", readonly(self.line_rad, "line_rad", 2))
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for name, value in state.items():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, eq=False)

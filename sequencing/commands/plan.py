@@ -9,9 +9,8 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from dmoc.refinement.params import Method
 from planning.station.build import available_stations, demo_station, load_station
 from planning.station.station import Station
 from sequencing.commands.console import CommandResult, Console
@@ -73,11 +72,17 @@ def open_station(name_or_path: str) -> Station:
 
 
 def run_demo(
-    console: Console, seed: int, out: Path | None, workers: int, method: str, polish: bool = False
+    console: Console,
+    seed: int,
+    out: Path | None,
+    workers: int,
+    method: str,
+    solver: str,
+    polish: bool = False,
 ) -> CommandResult:
     """The main job on the embedded eight-stud station."""
     folder = out or Path("runs/demo")
-    return run_plan(console, DEMO, seed, folder, workers, method, None, 0.01, polish)
+    return run_plan(console, DEMO, seed, folder, workers, method, solver, None, 0.01, polish)
 
 
 def run_plan(
@@ -87,6 +92,7 @@ def run_plan(
     out: Path | None,
     workers: int,
     method: str,
+    solver: str,
     max_evaluations: int | None,
     conditional_gap: float,
     polish: bool = False,
@@ -105,7 +111,8 @@ def run_plan(
             cycle = plan_station(
                 station,
                 seed=seed,
-                method=cast(Method, method),
+                method=method,
+                solver=solver,
                 stop=stop,
                 store=bench.store,
                 executor=bench.executor,

@@ -12,7 +12,7 @@ from sequencing.report.curves import write_curves
 from sequencing.report.html import write_report
 from sequencing.report.measured_tables import measured_markdown
 from sequencing.report.scene import write_scene
-from sequencing.runs.compare import compare_runs, comparison_text
+from sequencing.runs.compare import compare_runs, comparison_text, run_differences
 from sequencing.runs.folder import Run, read_run, station_of
 from sequencing.runs.measured import measured_against_plan
 
@@ -59,12 +59,22 @@ def run_view(console: Console, run_dir: Path, out: Path | None) -> CommandResult
     return CommandResult({"files": [str(path) for path in files]})
 
 
-def run_compare(console: Console, first: Path, second: Path, out: Path | None) -> CommandResult:
-    """Costs of two runs side by side."""
-    data = compare_runs(read_run(first), read_run(second))
+def run_compare(
+    console: Console, first: Path, second: Path, out: Path | None, tolerance: float | None = None
+) -> CommandResult:
+    """Costs of two runs side by side; with a tolerance what differs by more, and then exit 1."""
+    a, b = read_run(first), read_run(second)
+    data = compare_runs(a, b)
     console.show(comparison_text(data))
+    found: list[str] = []
+    if tolerance is not None:
+        found = run_differences(a, b, tolerance)
+        data |= {"tolerance": tolerance, "differences": found}
+        console.show(f"{len(found)} differences above {tolerance:g}" if found else "equal")
+        for line in found:
+            console.show(line)
     save_json(out, "compare.json", data)
-    return CommandResult(data)
+    return CommandResult(data, 1 if found else 0)
 
 
 def _robot(run: Run) -> Robot:

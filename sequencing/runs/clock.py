@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.robot.robot import Robot
 from dmoc.motion.trajectory import JointTrajectory
+from dmoc.robot.robot import Robot
 from sequencing.cycle_types import CycleMotion, Weld
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from sequencing.runs.tables import markdown_table, number
 from sequencing.runs.folder import Run
+from sequencing.runs.tables import markdown_table, number
 
 
 def compare_runs(a: Run, b: Run) -> dict[str, Any]:
@@ -72,6 +72,75 @@ def comparison_text(report: dict[str, Any]) -> str:
     return "\n\n".join([*lines, table])
 
 
+def run_differences(a: Run, b: Run, tolerance: float) -> list[str]:
+    """What differs between two runs by more than `tolerance` (see `differences`), one line each.
+
+    Order, poses, weld costs, motions with cost, duration, status and certificate, totals. Solver,
+    planner and method of a motion count where both runs name them.
+    """
+    first, second = _figures(a), _figures(b)
+    for ends in first["motions"].keys() & second["motions"].keys():
+        one, two = first["motions"][ends], second["motions"][ends]
+        for name in _MAKERS:
+            if not (one[name] and two[name]):
+                del one[name], two[name]
+    return differences(first, second, tolerance)
+
+
+def differences(a: Any, b: Any, tolerance: float, place: str = "") -> list[str]:
+    """Where two JSON objects differ: numbers by more than tolerance · max(1, |a|, |b|)."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        found = []
+        for key in dict.fromkeys((*a, *b)):
+            where = f"{place}/{key}" if place else str(key)
+            if key not in a or key not in b:
+                found.append(f"{where}: only in {'b' if key not in a else 'a'}")
+            else:
+                found += differences(a[key], b[key], tolerance, where)
+        return found
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple) and len(a) == len(b):
+        pairs = enumerate(zip(a, b))
+        return [
+            line for k, (x, y) in pairs for line in differences(x, y, tolerance, f"{place}[{k}]")
+        ]
+    numbers = [isinstance(x, int | float) and not isinstance(x, bool) for x in (a, b)]
+    if all(numbers):
+        equal = a == b or abs(a - b) <= tolerance * max(1.0, abs(a), abs(b)) < np.inf
+    else:
+        equal = a == b and isinstance(a, bool) == isinstance(b, bool)
+    return [] if equal else [f"{place}: {a!r} in a, {b!r} in b"]
+
+
+_MAKERS = ("solver", "planner", "method")
+
+
+def _figures(run: Run) -> dict[str, Any]:
+    result = run.result
+    fields = ("kind", "status", "source", "certified", "cost", "duration_s")
+    return {
+        "order": [weld.stud for weld in run.welds],
+        "welds": {
+            weld.stud: {
+                "alternative": weld.alternative, "q_rad": weld.q_rad.tolist(),
+                "cost": weld.cost, "time_s": weld.time_s,
+            }
+            for weld in run.welds
+        },
+        "motions": {
+            f"{entry['from']}→{entry['to']}": {
+                **{name: entry[name] for name in fields},
+                **{name: entry.get(name, "") for name in _MAKERS},
+            }
+            for entry in result["motions"]
+        },
+        "duration_s": result["duration_s"], "certified": result["certified"],
+        **{
+            name: result["tables"][name] if "tables" in result else None
+            for name in ("energy_based", "time_based", "time_based_totals")
+        },
+    }  # fmt: skip
+
+
 def _yes(value: bool) -> str:
     return "yes" if value else "no"
 
@@ -125,12 +194,16 @@ def _motions(a: Run, b: Run) -> dict[str, Any]:
                 for t in (first.trajectory, second.trajectory)
             ]
             deviation = float(np.max(np.abs(curves[0] - curves[1])))
-        common.append({
-            "from": ends[0], "to": ends[1], "cost": _pair(first.cost, second.cost),
-            "duration_s": _pair(first.duration_s, second.duration_s),
-            "status": [first.status.value, second.status.value],
-            "max_joint_deviation_rad": deviation,
-        })
+        common.append(
+            {
+                "from": ends[0],
+                "to": ends[1],
+                "cost": _pair(first.cost, second.cost),
+                "duration_s": _pair(first.duration_s, second.duration_s),
+                "status": [first.status.value, second.status.value],
+                "max_joint_deviation_rad": deviation,
+            }
+        )
     return {
         "common": common,
         "only_a": ["→".join(ends) for ends in by_ends_a if ends not in by_ends_b],

@@ -5,33 +5,40 @@ two do not belong together (a run interrupted while it was replacing an older on
 """
 
 from __future__ import annotations
+
 import json
-from pathlib import Path
-from dmoc.errors import Fault, InputError
-from planning.station.station import Station
-from planning.station.build import available_stations, demo_station, load_station
 import re
-import numpy as np
-from dmoc.robot.robot import Robot
-from dmoc.motion.trajectory import JointTrajectory
-from sequencing.cycle_types import CycleMotion
-from sequencing.runs.archive import csv_text
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 import pinocchio as pin
-from dmoc.arrays import Array
-from dmoc.motion.cost import Cost, ElectricalCost
+
+from dmoc.arrays import Array, arrays_of
 from dmoc.errors import Fault, InputError, RobotError
+from dmoc.input_file import content_of
+from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.motion import Motion
-from dmoc.robot.robot import Robot, Tool, load_robot
 from dmoc.motion.status import Status
+from dmoc.motion.trajectory import JointTrajectory
+from dmoc.robot.robot import Robot, Tool, load_robot
+from planning.station.build import available_stations, demo_station, load_station
+from planning.station.station import Station
 from sequencing.cycle_types import Cycle, CycleCost, CycleMotion, Weld
-from sequencing.runs.tables import tables_markdown
-from sequencing.runs.archive import json_text, npz_bytes, sha256_of, write_atomic
-from sequencing.runs.result import SCHEMA_VERSION, RunResult, result_of, result_of_motions
+from sequencing.runs.archive import csv_text, json_text, npz_bytes, sha256_of, write_atomic
 from sequencing.runs.clock import CycleTimeline, timeline
+from sequencing.runs.result import (
+    SCHEMA_VERSION,
+    RunResult,
+    input_hashes,
+    result_of,
+    result_of_motions,
+)
+from sequencing.runs.tables import tables_markdown
+
 
 def station_of(run: Run) -> Station:
     """The station that `run` was planned in: embedded, or from the file it was read from.
@@ -44,12 +51,20 @@ def station_of(run: Run) -> Station:
         station = (
             load_station(candidate) if isinstance(candidate, Path) else demo_station(candidate)
         )
-        if station.fingerprint == wanted:
+        # A run of before hashed its station in another way: then its files decide.
+        files = run.result["inputs"].get("files")
+        if station.fingerprint == wanted or (files and input_hashes(station) == files):
             return station
         value = "the station has changed since the run"
     raise InputError(
-        Fault("run-station", file=str(run.folder), field="inputs.station_fingerprint", value=value,
-              legal=f"a station with fingerprint {wanted[:12]}…", fix="plan the station again")
+        Fault(
+            "run-station",
+            file=str(run.folder),
+            field="inputs.station_fingerprint",
+            value=value,
+            legal=f"a station with fingerprint {wanted[:12]}…",
+            fix="plan the station again",
+        )
     )
 
 
@@ -89,13 +104,22 @@ def motion_csv(trajectory: JointTrajectory, robot: Robot) -> str:
     times = trajectory.t_s[knot] + share * (trajectory.t_s[knot + 1] - trajectory.t_s[knot])
     sample = trajectory.sample(times)
     columns = [
-        times[:, None] - trajectory.t_s[0], sample.q_rad, sample.velocity_rad_s,
-        sample.acceleration_rad_s2, sample.torque_nm, trajectory.torque_nm[knot],
+        times[:, None] - trajectory.t_s[0],
+        sample.q_rad,
+        sample.velocity_rad_s,
+        sample.acceleration_rad_s2,
+        sample.torque_nm,
+        trajectory.torque_nm[knot],
     ]
     joints = range(1, trajectory.q_rad.shape[1] + 1)
     header = ["t_s"]
-    for unit in ("q{}_rad", "velocity{}_rad_s", "acceleration{}_rad_s2", "torque{}_nm",
-                 "control{}_nm"):
+    for unit in (
+        "q{}_rad",
+        "velocity{}_rad_s",
+        "acceleration{}_rad_s2",
+        "torque{}_nm",
+        "control{}_nm",
+    ):
         header += [unit.format(j) for j in joints]
     return csv_text(header, np.hstack(columns).tolist())
 
@@ -170,20 +194,30 @@ def write_run(cycle: Cycle, out: Path | str, timing: Mapping[str, Any]) -> None:
 
 
 def write_motions(
-    name: str, robot: Robot, motions: Sequence[CycleMotion], cost: Cost | ElectricalCost,
-    out: Path | str, seed: int,
+    name: str,
+    robot: Robot,
+    motions: Sequence[CycleMotion],
+    cost: Cost | ElectricalCost,
+    out: Path | str,
+    seed: int,
 ) -> Run:
     """Write motions that belong to no station as a run, and read it back.
 
     The files are those of `write_run` but timing.json; every command that takes a run takes it.
     """
-    _write(Path(out), robot, motions,
-           lambda files: result_of_motions(name, robot, motions, cost, seed, files))
+    _write(
+        Path(out),
+        robot,
+        motions,
+        lambda files: result_of_motions(name, robot, motions, cost, seed, files),
+    )
     return read_run(out, robot)
 
 
 def _write(
-    out: Path, robot: Robot, motions: Sequence[CycleMotion],
+    out: Path,
+    robot: Robot,
+    motions: Sequence[CycleMotion],
     result_with: Callable[[Mapping[str, str]], RunResult],
 ) -> None:
     arrays: dict[str, Array] = {}
@@ -233,9 +267,13 @@ def _read_result(folder: Path) -> dict[str, Any]:
     path = folder / "result.json"
     if not path.is_file():
         raise InputError(
-            Fault("run-missing", file=str(folder), field="result.json",
-                  legal="a folder that a plan or demo command wrote with --out",
-                  fix="plan the station first, or check the path")
+            Fault(
+                "run-missing",
+                file=str(folder),
+                field="result.json",
+                legal="a folder that a plan or demo command wrote with --out",
+                fix="plan the station first, or check the path",
+            )
         )
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
@@ -246,8 +284,14 @@ def _read_result(folder: Path) -> dict[str, Any]:
         raise _damaged(path, error) from error
     if version != SCHEMA_VERSION:
         raise InputError(
-            Fault("run-version", file=str(path), field="schema_version", value=str(version),
-                  legal=str(SCHEMA_VERSION), fix="plan the station again with this version")
+            Fault(
+                "run-version",
+                file=str(path),
+                field="schema_version",
+                value=str(version),
+                legal=str(SCHEMA_VERSION),
+                fix="plan the station again with this version",
+            )
         )
     # Folders of single motions from before have not all fields: None says the same.
     return {**dict.fromkeys(RunResult.__annotations__), **result}
@@ -255,8 +299,13 @@ def _read_result(folder: Path) -> dict[str, Any]:
 
 def _damaged(path: Path, error: Exception) -> InputError:
     return InputError(
-        Fault("run-damaged", file=str(path), value=f"{type(error).__name__}: {error}"[:200],
-              legal="the result.json of a run", fix="plan the station again")
+        Fault(
+            "run-damaged",
+            file=str(path),
+            value=f"{type(error).__name__}: {error}"[:200],
+            legal="the result.json of a run",
+            fix="plan the station again",
+        )
     )
 
 
@@ -265,12 +314,18 @@ def _read_motions(folder: Path, result: Mapping[str, Any]) -> dict[str, Array]:
     if not path.is_file() or sha256_of(path) != result["files"].get("motions.npz"):
         value = "no file" if not path.is_file() else "another checksum than result.json says"
         raise InputError(
-            Fault("run-mixed", file=str(path), value=value,
-                  legal="the motions.npz that was written with result.json",
-                  fix="plan the station again; finished edges are read from the store")
+            Fault(
+                "run-mixed",
+                file=str(path),
+                value=value,
+                legal="the motions.npz that was written with result.json",
+                fix="plan the station again; finished edges are read from the store",
+            )
         )
-    with np.load(path, allow_pickle=False) as archive:
-        return {key: archive[key] for key in archive.files}
+    try:
+        return arrays_of(content_of(path))
+    except ValueError as error:
+        raise _damaged(path, error) from error
 
 
 def _motion_of(
@@ -281,13 +336,21 @@ def _motion_of(
         columns = {name: archive[f"{entry['key']}/{name}"] for name in _ARRAYS}
         trajectory = JointTrajectory(**columns, robot=robot)
     motion = Motion(
-        status=Status(entry["status"]), source=entry["source"], trajectory=trajectory,
+        status=Status(entry["status"]),
+        source=entry["source"],
+        trajectory=trajectory,
         cost=float("inf") if entry["cost"] is None else entry["cost"],
-        smoothing_cost=entry["smoothing_cost"] or 0.0, iterations=entry["iterations"],
-        max_defect=entry["max_defect"], replay_error_rad=entry["replay_error_rad"],
+        smoothing_cost=entry["smoothing_cost"] or 0.0,
+        iterations=entry["iterations"],
+        max_defect=entry["max_defect"],
+        replay_error_rad=entry["replay_error_rad"],
         min_clearance_m=entry["min_clearance_m"],
-        proven_clearance_m=entry.get("proven_clearance_m"), certified=entry["certified"],
+        proven_clearance_m=entry.get("proven_clearance_m"),
+        certified=entry["certified"],
         note=entry["note"],
+        solver=entry.get("solver", ""),
+        planner=entry.get("planner", ""),
+        method=entry.get("method", ""),
     )
     return CycleMotion(entry["key"], entry["from"], entry["to"], entry["kind"], motion)
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.robot.drive import drive_from_mapping, electrical_power_w
 from dmoc.errors import Fault, InputError
 from dmoc.physics.metrics import BUS_VOLTAGE_V, MotionState, motor_current_a, settled
+from dmoc.robot.drive import drive_from_mapping, electrical_power_w
 from dmoc.robot.robot import Robot
-from sequencing.runs.measured_log import ControllerLog, read_controller_log
-from sequencing.runs.folder import Run, read_run
 from sequencing.runs.clock import CycleTimeline
+from sequencing.runs.folder import Run, read_run
+from sequencing.runs.measured_log import ControllerLog, read_controller_log
 
 # A joint that is faster than this moves [rad/s].
 MOVING_RAD_S = 0.01
@@ -40,9 +40,14 @@ def measured_against_plan(
     joints = len(run.joint_names)
     if record.q_rad.shape[1] != joints:
         raise InputError(
-            Fault("log-joints", file=str(log), field=f"{record.source}_q",
-                  value=f"{record.q_rad.shape[1]} joints", legal=f"{joints} joints of the run",
-                  fix="compare a log with a run of the same robot")
+            Fault(
+                "log-joints",
+                file=str(log),
+                field=f"{record.source}_q",
+                value=f"{record.q_rad.shape[1]} joints",
+                legal=f"{joints} joints of the run",
+                fix="compare a log with a run of the same robot",
+            )
         )
     line = run.timeline
     shift = _shift(record, line)
@@ -51,12 +56,21 @@ def measured_against_plan(
     error = record.q_rad - planned
     planned_s, logged_s = _moving_s(*_fine(line)), _moving_s(record.t_s, record.velocity_rad_s)
     return {
-        "log": str(log), "run": run.name, "joints": joints, "samples": len(record.t_s),
-        "source": record.source, "shift_s": shift,
-        "time": {"planned_s": planned_s, "logged_s": logged_s,
-                 "difference_s": logged_s - planned_s},
-        "position": {"largest_rad": np.abs(error).max(axis=0).tolist(),
-                     "rms_rad": np.sqrt(np.mean(error**2, axis=0)).tolist()},
+        "log": str(log),
+        "run": run.name,
+        "joints": joints,
+        "samples": len(record.t_s),
+        "source": record.source,
+        "shift_s": shift,
+        "time": {
+            "planned_s": planned_s,
+            "logged_s": logged_s,
+            "difference_s": logged_s - planned_s,
+        },
+        "position": {
+            "largest_rad": np.abs(error).max(axis=0).tolist(),
+            "rms_rad": np.sqrt(np.mean(error**2, axis=0)).tolist(),
+        },
         "current": _currents(record, run, line, times),
         "energy": _energies(record, run, line, times),
     }
@@ -136,8 +150,15 @@ def _energies(
     record: ControllerLog, run: Run, line: CycleTimeline, times: Array
 ) -> dict[str, float | None]:
     report: dict[str, float | None] = dict.fromkeys(
-        ("planned_j", "planned_with_base_j", "planned_iv_signed_j", "planned_iv_absolute_j",
-         "logged_dc_j", "logged_iv_signed_j", "logged_iv_absolute_j")
+        (
+            "planned_j",
+            "planned_with_base_j",
+            "planned_iv_signed_j",
+            "planned_iv_absolute_j",
+            "logged_dc_j",
+            "logged_iv_signed_j",
+            "logged_iv_absolute_j",
+        )
     )
     t = record.t_s
     state = _state(line, run, times)

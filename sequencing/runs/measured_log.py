@@ -58,22 +58,39 @@ def read_controller_log(path: Path | str) -> ControllerLog:
     source = next((kind for kind in ("actual", "target") if f"{kind}_q_0" in table), None)
     if "timestamp" not in table or source is None:
         raise InputError(
-            Fault("log-columns", file=str(path), field="header", value=", ".join(header[:8]),
-                  legal="timestamp and actual_q_0, actual_q_1, … (or target_q_0, …)",
-                  fix="record timestamp and actual_q with RTDE, one column per joint")
+            Fault(
+                "log-columns",
+                file=str(path),
+                field="header",
+                value=", ".join(header[:8]),
+                legal="timestamp and actual_q_0, actual_q_1, … (or target_q_0, …)",
+                fix="record timestamp and actual_q with RTDE, one column per joint",
+            )
         )
     stamp = table["timestamp"]
     keep = np.concatenate([[True], np.diff(stamp) > 0])
     if np.any(np.diff(stamp) < 0):
         row = int(np.argmax(np.diff(stamp) < 0)) + 3
         raise InputError(
-            Fault("log-time", file=str(path), field="timestamp", value="a time before the last",
-                  legal="rising times [s]", fix="log one recording to one file", line=row)
+            Fault(
+                "log-time",
+                file=str(path),
+                field="timestamp",
+                value="a time before the last",
+                legal="rising times [s]",
+                fix="log one recording to one file",
+                line=row,
+            )
         )
     if keep.sum() < 4:
         raise InputError(
-            Fault("log-samples", file=str(path), value=f"{keep.sum()} samples", legal=">= 4",
-                  fix="record the whole motion")
+            Fault(
+                "log-samples",
+                file=str(path),
+                value=f"{keep.sum()} samples",
+                legal=">= 4",
+                fix="record the whole motion",
+            )
         )
     t = stamp[keep] - stamp[0]
     joints = sum(f"{source}_q_{j}" in table for j in range(12))
@@ -90,9 +107,12 @@ def read_controller_log(path: Path | str) -> ControllerLog:
     if {"actual_robot_voltage", "actual_robot_current"} <= table.keys():
         power = (table["actual_robot_voltage"] * table["actual_robot_current"])[keep]
     return ControllerLog(
-        t_s=t, q_rad=q, source=source,
+        t_s=t,
+        q_rad=q,
+        source=source,
         velocity_rad_s=np.gradient(q, t, axis=0) if velocity is None else velocity,
-        current_a=columns("actual_current"), joint_voltage_v=columns("actual_joint_voltage"),
+        current_a=columns("actual_current"),
+        joint_voltage_v=columns("actual_joint_voltage"),
         power_w=power,
     )
 
@@ -114,8 +134,15 @@ def _numbers(path: Path, header: list[str], rows: list[list[str]]) -> dict[str, 
         except ValueError as error:
             bad = next(i for i, cell in enumerate(cells) if not _is_number(cell))
             raise InputError(
-                Fault("log-value", file=str(path), field=name, value=repr(cells[bad]),
-                      legal="a number", fix="remove the row, or record again", line=bad + 2)
+                Fault(
+                    "log-value",
+                    file=str(path),
+                    field=name,
+                    value=repr(cells[bad]),
+                    legal="a number",
+                    fix="remove the row, or record again",
+                    line=bad + 2,
+                )
             ) from error
     return table
 

@@ -1,23 +1,26 @@
 """The object that result.json holds: everything about a run except how long it took."""
 
 from __future__ import annotations
+
 import math
-import numpy as np
-from dmoc.motion.cost import Cost, ElectricalCost
-from dmoc.motion.trajectory import JointTrajectory
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-import yaml
-from planning.station.station import Station
-from sequencing.runs.archive import sha256_of
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib import metadata
+from pathlib import Path
 from typing import Any, TypedDict
+
+import numpy as np
+import yaml
+
+from dmoc.motion.cost import Cost, ElectricalCost
+from dmoc.motion.trajectory import JointTrajectory
 from dmoc.robot.robot import Robot
+from planning.path.rrt_connect import available_planner
+from planning.station.station import Station
 from sequencing.cycle_types import Cycle, CycleMotion, Search, Tables
+from sequencing.runs.archive import sha256_of
+
 
 def cost_shares(trajectory: JointTrajectory, cost: Cost | ElectricalCost) -> dict[str, float]:
     r"""The terms of J on the knots, in the order they are printed.
@@ -60,7 +63,9 @@ def input_hashes(station: Station) -> dict[str, str]:
             if len(text) < 250 and "\n" not in text and path.is_file():
                 hashes[Path(text).as_posix()] = sha256_of(path)
     urdf = Path(station.robot.urdf)
-    for path in (urdf, urdf.with_name("robot.yaml")):
+    shapes = (item.shape.mesh for item in station.robot.link_shapes())
+    meshes = (path for path in shapes if path is not None)
+    for path in (urdf, urdf.with_name("robot.yaml"), *meshes):
         if path.is_file():
             hashes[f"robot/{path.name}"] = sha256_of(path)
     return dict(sorted(hashes.items()))
@@ -81,8 +86,18 @@ SCHEMA_VERSION = 1
 
 # Packages whose version can change a number in the result.
 _PACKAGES = (
-    "dmoc", "casadi", "coal", "numba", "numpy", "ompl", "pin", "python-fcl", "scikit-learn",
-    "scipy", "toppra", "trimesh",
+    "dmoc",
+    "casadi",
+    "coal",
+    "numba",
+    "numpy",
+    "ompl",
+    "pin",
+    "python-fcl",
+    "scikit-learn",
+    "scipy",
+    "toppra",
+    "trimesh",
 )
 
 
@@ -92,6 +107,8 @@ class RunResult(TypedDict):
     schema_version: int
     name: str
     seed: int
+    solver: str | None
+    planner: str | None
     method: str | None
     versions: dict[str, str]
     inputs: dict[str, Any]
@@ -109,18 +126,25 @@ class RunResult(TypedDict):
     motions: list[dict[str, Any]]
     tables: dict[str, Any] | None
     polish: dict[str, Any] | None
+    second_look: dict[str, Any] | None
     files: dict[str, str]
 
 
 def result_of_motions(
-    name: str, robot: Robot, motions: Sequence[CycleMotion], cost: Cost | ElectricalCost,
-    seed: int, files: Mapping[str, str],
+    name: str,
+    robot: Robot,
+    motions: Sequence[CycleMotion],
+    cost: Cost | ElectricalCost,
+    seed: int,
+    files: Mapping[str, str],
 ) -> RunResult:
     """result.json of motions; `files` maps names of files beside it to their sha256."""
     return {
         "schema_version": SCHEMA_VERSION,
         "name": name,
         "seed": seed,
+        "solver": None,
+        "planner": None,
         "method": None,
         "versions": package_versions(),
         "inputs": {
@@ -142,6 +166,7 @@ def result_of_motions(
         "motions": [motion_entry(item, cost) for item in motions],
         "tables": None,
         "polish": None,
+        "second_look": None,
         "files": dict(sorted(files.items())),
     }
 
@@ -154,6 +179,8 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
     )
     return {
         **bare,
+        "solver": cycle.solver,
+        "planner": available_planner(),
         "method": cycle.method,
         "inputs": {
             "station_fingerprint": station.fingerprint,
@@ -185,6 +212,7 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
         ],
         "tables": tables_entry(cycle.tables),
         "polish": None if cycle.polish is None else cycle.polish.to_dict(),
+        "second_look": None if cycle.second_look is None else asdict(cycle.second_look),
     }
 
 
@@ -202,8 +230,13 @@ def package_versions() -> dict[str, str]:
 def robot_entry(robot: Robot) -> dict[str, Any]:
     """What is needed to rebuild and to judge the robot: limits, tool, payload, base, tags."""
     tool = robot.tool
-    limits = ("q_lower_rad", "q_upper_rad", "velocity_limit_rad_s", "acceleration_limit_rad_s2",
-              "torque_limit_nm")
+    limits = (
+        "q_lower_rad",
+        "q_upper_rad",
+        "velocity_limit_rad_s",
+        "acceleration_limit_rad_s2",
+        "torque_limit_nm",
+    )
     return {
         "name": robot.name,
         "fingerprint": robot.fingerprint,
@@ -234,6 +267,9 @@ def motion_entry(item: CycleMotion, cost: Cost | ElectricalCost) -> dict[str, An
         "kind": item.kind,
         "status": motion.status.value,
         "source": motion.source,
+        "solver": motion.solver,
+        "planner": motion.planner,
+        "method": motion.method,
         "certified": motion.certified,
         "min_clearance_m": motion.min_clearance_m,
         "proven_clearance_m": motion.proven_clearance_m,

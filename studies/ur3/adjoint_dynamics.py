@@ -13,7 +13,7 @@ from studies.ur3.adjoint_kernels import adjoint_kernel, torque_kernel
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class LinkChain:
     """The constants of n revolute joints in a row; link frames as in `robot.model`.
 
     `rotation` (n, 3, 3) and `offset_m` (n, 3) place joint i in its parent's frame at q = 0, `axis`
@@ -69,8 +69,8 @@ class Chain:
         )
 
 
-def chain_of(robot: Robot) -> Chain:
-    """The `Chain` of a robot, its tool, payload and base placement."""
+def chain_of(robot: Robot) -> LinkChain:
+    """The `LinkChain` of a robot, its tool, payload and base placement."""
     model, n = robot.model, robot.num_joints
     data, neutral = model.createData(), np.zeros(n)
     axes = [pin.computeJointJacobian(model, data, neutral, i + 1)[3:, i].copy() for i in range(n)]
@@ -85,4 +85,4 @@ def chain_of(robot: Robot) -> Chain:
         "armature_kg_m2": model.armature,
         "gravity_m_s2": model.gravity.linear,
     }
-    return Chain(**{name: np.array(value, dtype=float) for name, value in values.items()})
+    return LinkChain(**{name: np.array(value, dtype=float) for name, value in values.items()})

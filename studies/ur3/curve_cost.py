@@ -10,7 +10,7 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.physics.metrics import Metric, MotionState, metric_of, settled
 from dmoc.robot.robot import Robot
-from studies.ur3.adjoint_dynamics import Chain, chain_of
+from studies.ur3.adjoint_dynamics import LinkChain, chain_of
 
 # A search keeps this share of every limit, because it looks at samples only.
 LIMIT_SHARE = 0.99
@@ -37,7 +37,7 @@ class CurveCost:
     ends: tuple[Array, Array]
     weight: float
     metric: Metric = field(init=False)
-    chain: Chain = field(init=False)
+    chain: LinkChain = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "metric", metric_of(self.name, self.robot))

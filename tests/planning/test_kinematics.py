@@ -10,7 +10,7 @@ from dmoc.robot.robot import Tool, load_robot
 from planning.arm.closed_forms import closed_form
 from planning.arm.inverse_kinematics import follow_line, inverse, wraps
 from planning.arm.numeric import converge, multi_start
-from planning.arm.screws import Chain, chain_of, pose_error, rotation_log
+from planning.arm.screws import ScrewAxes, chain_of, pose_error, rotation_log
 
 TOOL = Tool(
     mass_kg=1.0,
@@ -34,7 +34,7 @@ def test_forward_kinematics_equals_pinocchio(robot):
     chain = chain_of(robot)
     q = random_q(robot, 50, 1)
     poses, jacobian = chain.forward_jacobian(q)
-    frame = robot.model.getFrameId(robot.flange)
+    frame = robot.flange_id
     data = robot.model.createData()
     for row, pose, rates in zip(q, poses, jacobian, strict=True):
         tip = robot.tip_pose(row)
@@ -65,7 +65,7 @@ def test_every_configuration_is_found_again(robot):
 def test_closed_form_finds_what_many_random_starts_find(robot):
     """Slow oracle: damped least squares from 300 starts finds no branch that is not there."""
     chain = chain_of(robot)
-    full = Chain(chain.axis, chain.point, chain.home, np.full(6, -np.pi), np.full(6, np.pi))
+    full = ScrewAxes(chain.axis, chain.point, chain.home, np.full(6, -np.pi), np.full(6, np.pi))
     wide = robot.with_limits(q_lower_rad=-np.pi, q_upper_rad=np.pi)
     for k, pose in enumerate(chain.forward(random_q(robot, 3, 3))):
         slow = multi_start(full, pose, 300, seed=k)
@@ -118,7 +118,7 @@ def seven_joints():
     chain = chain_of(load_robot("ur10e_class"))
     axis = np.vstack([[1.0, 0, 0], chain.axis])
     point = np.vstack([[0.0, 0, 0.1], chain.point])
-    return Chain(axis, point, chain.home, np.full(7, -2.9), np.full(7, 2.9))
+    return ScrewAxes(axis, point, chain.home, np.full(7, -2.9), np.full(7, 2.9))
 
 
 def test_seven_joints_are_sampled_and_repeatable():
@@ -153,7 +153,7 @@ def test_lines_out_of_reach_or_limits_are_refused():
     q = np.array([[0.0, 0.5, -1.3, 0.1, 0.3, 0.0]])
     far = np.linspace(0, 3.0, 5)[None, :, None] * np.array([1.0, 0.0, 0.0])
     assert not follow_line(chain, q, far)[1][0]
-    tight = Chain(chain.axis, chain.point, chain.home, q[0] - 1e-3, q[0] + 1e-3)
+    tight = ScrewAxes(chain.axis, chain.point, chain.home, q[0] - 1e-3, q[0] + 1e-3)
     assert not follow_line(tight, q, far / 50)[1][0]
 
 

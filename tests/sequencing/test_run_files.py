@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,11 +19,13 @@ from sequencing.commands.console import Console
 from sequencing.commands.runs import run_compare, run_view
 from sequencing.commands.solve import run_solve
 from sequencing.cycle_types import CycleMotion
+from sequencing.report.markup import markdown_html
 from sequencing.runs.archive import json_text, npz_bytes, write_atomic
 from sequencing.runs.clock import timeline
-from sequencing.runs.compare import compare_runs, comparison_text
+from sequencing.runs.compare import compare_runs, comparison_text, differences
 from sequencing.runs.folder import read_run, station_of, write_motions, write_run
-from sequencing.runs.result import cost_shares
+from sequencing.runs.result import cost_shares, result_of
+from sequencing.runs.tables import tables_markdown
 
 
 def written(tmp_path, cycle=None, name="run"):
@@ -249,6 +252,65 @@ def test_comparing_runs_names_what_differs(tmp_path):
     assert comparison_text(compare_runs(first, first)) == "The runs are identical."
 
 
+def change_motion(cycle, **changes):
+    """`cycle` with its second motion changed."""
+    item = cycle.motions[1]
+    changed = replace(item, motion=item.motion.replace(**changes))
+    return replace(cycle, motions=(cycle.motions[0], changed, *cycle.motions[2:]))
+
+
+def change_weld(cycle, **changes):
+    """`cycle` with its first weld changed."""
+    return replace(cycle, welds=(replace(cycle.welds[0], **changes), *cycle.welds[1:]))
+
+
+NAMED = {"solver": "structured", "planner": "ompl", "method": "half-spaces"}
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        (lambda c: change_motion(c, **NAMED, cost=c.motions[1].motion.cost * (1 + 1e-5)), "/cost"),
+        (lambda c: change_motion(c, **NAMED | {"solver": "ipopt"}), "/solver"),
+        (lambda c: change_motion(c, **NAMED | {"planner": "compiled"}), "/planner"),
+        (lambda c: change_motion(c, **NAMED | {"method": "boxes"}), "/method"),
+        (lambda c: change_motion(c, **NAMED, certified=False), "/certified"),
+        (lambda c: change_weld(change_motion(c, **NAMED), cost=c.welds[0].cost + 1.0), "/cost"),
+        (lambda c: change_weld(change_motion(c, **NAMED), alternative=2), "/alternative"),
+        (lambda c: sample_cycle(order=("S3", "S1", "S2")), "order"),
+    ],
+)
+def test_a_tolerance_lists_what_differs_and_exits_1(tmp_path, change, place):
+    cycle = sample_cycle()
+    first = written(tmp_path, change_motion(cycle, **NAMED), "a")
+    second = written(tmp_path, change(cycle), "b")
+    outcome = run_compare(Console(json=True), first, second, None, 1e-6)
+    assert outcome.exit_code == 1
+    assert any(place in line for line in outcome.data["differences"])
+    assert run_compare(Console(json=True), first, first, None, 0.0).exit_code == 0
+    assert run_compare(Console(json=True), first, second, None).exit_code == 0
+
+
+def test_within_the_tolerance_and_without_names_runs_are_equal(tmp_path):
+    cycle = sample_cycle()
+    first = written(tmp_path, cycle, "a")
+    near = change_motion(cycle, **NAMED, cost=cycle.motions[1].motion.cost * (1 + 1e-8))
+    outcome = run_compare(Console(json=True), first, written(tmp_path, near, "b"), None, 1e-6)
+    assert (outcome.exit_code, outcome.data["differences"]) == (0, [])
+
+
+def test_differences_see_numbers_lists_keys_and_kinds():
+    known = {"a": [1.0, 2.0], "b": {"c": None}, "d": True}
+    assert differences(known, {"a": [1.0, 2.0 + 1e-7], "b": {"c": None}, "d": True}, 1e-6) == []
+    assert differences({"big": 1e6}, {"big": 1e6 + 0.5}, 1e-6) == []
+    assert differences(known, {**known, "a": [1.0, 2.1]}, 1e-6) == ["a[1]: 2.0 in a, 2.1 in b"]
+    assert differences(known, {**known, "a": [1.0]}, 1e-6) != []
+    assert differences(known, {"a": [1.0, 2.0], "b": {}, "d": True}, 1e-6) == ["b/c: only in a"]
+    assert differences(known, {**known, "d": 1}, 1e-6) != []
+    assert differences({"x": float("nan")}, {"x": 1.0}, 1e-6) != []
+    assert differences({"x": float("inf")}, {"x": 1.0}, 1e-6) != []
+
+
 def test_a_station_that_is_gone_is_a_coded_error(tmp_path):
     with pytest.raises(InputError) as caught:
         station_of(read_run(written(tmp_path)))
@@ -304,3 +366,32 @@ def test_a_solved_motion_is_written_as_a_run(tmp_path):
     assert item.motion.cost == outcome.data["cost"]
     assert np.array_equal(item.motion.trajectory.q_rad, outcome.data["q_rad"])
     assert item.motion.certified is None
+
+
+NASTY = "a|b <img src=x onerror=alert(1)> [c](javascript:1) **d** `e`\n# f"
+
+
+def test_names_are_text_in_tables_and_page() -> None:
+    """Whatever a station calls its things, tables.md and report.html show it and nothing else."""
+    plain = sample_cycle()
+    motions = tuple(replace(item, origin=NASTY, target=NASTY) for item in plain.motions)
+    rows = tuple(replace(row, stud=NASTY) for row in plain.tables.studs)
+    robot = replace(plain.station.robot, provenance={NASTY: "assumed", "mass": NASTY})
+    cycle = replace(
+        plain,
+        station=replace(plain.station, name=NASTY, robot=robot),
+        motions=motions,
+        tables=replace(plain.tables, studs=rows),
+        unreachable=((NASTY, NASTY),),
+    )
+    text = tables_markdown(result_of(cycle, {}))
+    for sign in ("<", "`", "[c", "*d"):
+        places = [m.start() for m in re.finditer(re.escape(sign), text)]
+        assert places
+        assert all(text[at - 1] == "\\" for at in places), sign
+    table = [line for line in text.splitlines() if line.startswith("| a")]
+    assert len(table) == len(rows)
+    assert all(line.count("|") == 4 for line in table)
+    page = markdown_html(text)
+    assert "<img" not in page
+    assert page.count("&lt;img src=x onerror=alert(1)&gt; [c](javascript:1) **d** `e` # f") > 10

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dmoc.errors import InputError
 from dmoc.motion.cost import Cost
 from dmoc.robot.drive import drive_from_mapping
 from dmoc.robot.robot import load_robot
@@ -19,7 +20,14 @@ from sequencing.edges.nodes import StationNodes
 from sequencing.edges.store import EdgeStore
 from sequencing.runs.folder import read_run, write_run
 from studies.command import STATIONS as COMMAND_STATIONS
-from studies.stud_welding.changes import CHANGES, FEW_CHANGES, compare_orders
+from studies.stud_welding.changes import (
+    CHANGES,
+    FEW_CHANGES,
+    compare_orders,
+    keep_row,
+    kept_row,
+    rows_file,
+)
 from studies.stud_welding.departure import CHOSEN
 from studies.stud_welding.model import Model, priced_nodes, scaled_masses
 from studies.stud_welding.page import study_entry, write_study
@@ -28,7 +36,7 @@ from studies.stud_welding.shares import shapley, with_poses
 from studies.stud_welding.study import STATIONS, Budget, run_stud_welding_study, study_station
 from studies.stud_welding.tables import stud_welding_markdown
 from studies.stud_welding.trade_offs import mark_front
-from studies.stud_welding.types import TradeOff, Use
+from studies.stud_welding.types import ChangeRow, TradeOff, Use
 from studies.stud_welding.weights import WeightEdges, friction_cost
 
 BUDGET = Budget(
@@ -391,3 +399,35 @@ def test_names_that_two_places_share() -> None:
     assert COMMAND_STATIONS == STATIONS
     assert set(FEW_CHANGES) <= {change.name for change in CHANGES}
     assert len({change.name for change in CHANGES}) == len(CHANGES)
+
+
+def test_rows_are_kept_beside_the_store_and_damage_is_named(tmp_path) -> None:
+    with EdgeStore(tmp_path / "edges.sqlite") as store:
+        path = rows_file(store)
+        row = ChangeRow(
+            "masses",
+            "masses × 2",
+            CycleCost(1.5, 2.0),
+            None,
+            CycleCost(0.1, 0.2),
+            None,
+            3.0,
+            None,
+            0.9,
+            50.0,
+            2,
+            ("S1", "S2"),
+            7,
+            Use(1.0, 2.0, 3.0, 4.0, 5.0, 6.0),
+            None,
+            "none",
+        )
+        keep_row(path, "a", row)
+        keep_row(path, "b", replace(row, edges=8))
+        assert kept_row(path, "a") == row
+        assert kept_row(path, "b").edges == 8
+        assert kept_row(path, "c") is None
+        assert len(store) == 0
+    path.write_text("{")
+    with pytest.raises(InputError, match="rows-damaged"):
+        kept_row(path, "a")

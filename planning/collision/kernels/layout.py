@@ -12,7 +12,7 @@ from dmoc.arrays import Array
 Ints = npt.NDArray[np.int64]
 
 
-class Chain(NamedTuple):
+class JointTable(NamedTuple):
     """Joints: `info` (J, 2) parent and type (0 revolute, 1 prismatic); `frame` (J, 15) rotation
     and position in the parent (row-major) and axis; `above` (J, J) whether joint k moves joint j.
     Joint 0 is the world; q has one entry per other joint.

@@ -20,7 +20,7 @@ from dmoc.arrays import Array
 from dmoc.jit import njit
 from planning.collision.kernels.contact import contact_at
 from planning.collision.kernels.distance import FAR, clearly_farther, gjk, outer_bound
-from planning.collision.kernels.layout import Chain, Pairs, Solids, Work
+from planning.collision.kernels.layout import JointTable, Pairs, Solids, Work
 from planning.collision.kernels.poses import (
     ball_reach,
     joint_poses,
@@ -59,7 +59,7 @@ def known_workspace(pairs: int) -> Known:
 class Scan(NamedTuple):
     """What `segment_contact` asks: the scene, by how much pairs are grown, how densely."""
 
-    chain: Chain
+    chain: JointTable
     solids: Solids
     pairs: Pairs
     pose: Array
