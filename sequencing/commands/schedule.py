@@ -51,6 +51,9 @@ def remarks(data: dict[str, Any]) -> list[str]:
                 f"warning: {name} needs {100 * share['scheduled']:.0f} % of a joint's torque limit "
                 "as scheduled: slow its motions down or carry less"
             )
+    for name, tags in data["provenance"]["robot"].items():
+        if "drive" in tags:
+            lines.append(f"joules of {name} rest on its drive, {tags['drive']}")
     if data["status"] != Status.CONVERGED:
         lines.append(data["advice"])
     return lines

@@ -253,6 +253,7 @@ def robot_entry(robot: Robot) -> dict[str, Any]:
             "tip_quaternion_xyzw": tool.tip_quaternion_xyzw.tolist(),
         },
         "provenance": dict(sorted(robot.provenance.items())),
+        "warnings": [doubt.to_dict() for doubt in robot.description.warnings],
     }
 
 

@@ -237,6 +237,12 @@ def provenance_text(result: Result) -> str:
     tags = result["robot"]["provenance"]
     assumed = sorted(key for key, tag in tags.items() if tag == "assumed")
     known = sorted(key for key, tag in tags.items() if tag != "assumed")
+    # Runs of older versions name no warnings.
+    doubts = [
+        f"- warning {doubt['code']}, {named(doubt['field'])}: {named(doubt['value'])}; "
+        f"{named(doubt['fix'])}"
+        for doubt in result["robot"].get("warnings", ())
+    ]
     lines = [f"Robot {named(result['robot']['name'])}."]
     if assumed:
         lines.append(
@@ -247,7 +253,7 @@ def provenance_text(result: Result) -> str:
         )
     if not tags:
         lines.append("The robot file tags none of its values: treat all of them as assumed.")
-    lines += [f"- {named(key)}: {named(tags[key])}" for key in known]
+    lines += [f"- {named(key)}: {named(tags[key])}" for key in known] + doubts
     return "\n".join(
         [
             " ".join(lines[: 2 if assumed or not tags else 1]),
