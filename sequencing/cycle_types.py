@@ -24,6 +24,7 @@ class Weld:
     q_rad: Array
     cost: float
     time_s: float
+    contact_depth_m: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q_rad", readonly(self.q_rad, "q_rad", ndim=1))

@@ -19,7 +19,7 @@ from dmoc.solving.solvers import DEFAULT_SOLVER, require_solver
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
-from planning.welds.check import check_home
+from planning.welds.check import check_home, contact_depth_m
 from planning.welds.poses import StudAlternatives
 from sequencing import gtsp
 from sequencing.cycle.baseline import TimedSequence, middle_place, time_based_sequences
@@ -192,6 +192,7 @@ def plan_station(
         cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
         times = (*tables.travel_s[:2], _travel_s(motions))
         tables = replace(tables, energy_based=cost, travel_s=times)
+    welds = tuple(replace(w, contact_depth_m=contact_depth_m(world, w.q_rad)) for w in welds)
     tell(PlanEvent("done", best=best.tour.cost, reuse=oracle.reuse()))
     return Cycle(
         station=station,

@@ -207,6 +207,7 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
                 "q_rad": weld.q_rad.tolist(),
                 "cost": weld.cost,
                 "time_s": weld.time_s,
+                "contact_depth_m": weld.contact_depth_m,
             }
             for weld in cycle.welds
         ],

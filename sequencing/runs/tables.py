@@ -59,6 +59,14 @@ def headline(result: Result) -> str:
         f"({search['edges_training']} to fit the estimate, {search['edges_held_out']} held out to "
         f"judge it), {search['edges_failed']} without a motion.\n\n{gaps(search)}"
     )
+    deep = [(w.get("contact_depth_m", 0.0), named(w["stud"])) for w in result["welds"]]
+    if deep and max(deep)[0] > 5e-6:
+        depth, stud = max(deep)
+        text += (
+            f"\n\nAt the weld poses the collision shapes of tool and part overlap by up to "
+            f"{1e3 * depth:.2f} mm ({stud}); {sum(d > 5e-6 for d, _ in deep)} of {len(deep)} "
+            "poses overlap."
+        )
     polish = result.get("polish")
     if polish is not None:
         text += (
