@@ -5,6 +5,7 @@ from test_station import SMALL, STUDS, write
 
 from dmoc.errors import InputError
 from planning.collision.coal_engine import CoalEngine
+from planning.station.build import demo_station
 from planning.welds.check import check_station
 
 MASSES = "  mass_kg: 2\n  com_m: [0, 0, 0.05]\n"
