@@ -120,9 +120,10 @@ for row in capacity_sweep(cell, 0, capacities):
 # %% [markdown]
 # ## What differs from the paper, and why
 #
-# * Its cell saves 9.26 % without and 9.13 % with collisions; ours saves more. Our arms are heavy
-#   and their loss parameters are assumed; at full speed the chopper burns a large share of the
-#   braking energy, so slowing down and sharing are worth more. Compare shapes, not percentages.
+# * Its cell saves 9.26 % without and 9.13 % with collisions, both in windows and against lock step.
+#   Here windows cost more than robots that run freely at full speed: what they save against lock
+#   step is what lock step wastes in the chopper. Only the general problem beats free running.
+#   Our arms are heavy and their loss parameters are assumed: compare shapes, not percentages.
 # * Eq. 2 as printed scales acceleration with δ; with the stated travel time it is δ². Eq. 8's delay
 #   limit is written in durations here.
 # * The paper says that gradients cannot be used. The adjoint of the link's recursion gives them at

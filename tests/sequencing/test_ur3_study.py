@@ -95,7 +95,7 @@ def test_judgement_counts_base_load_and_the_free_kick() -> None:
 
 def test_viscous_floor_of_one_joint_by_hand() -> None:
     move = Move("one", "A", np.zeros(6), np.array([2.0, 0, 0, 0, 0, 0]))
-    assert viscous_floor_j(move, QUICK) == pytest.approx(48 / 10.5 * 5.8 * 2.0, rel=1e-4)
+    assert viscous_floor_j(move, QUICK) == pytest.approx(48 / 10.5 * 5.1 * 2.0, rel=1e-4)
 
 
 @pytest.mark.parametrize("index", [0, 2])
