@@ -13,8 +13,9 @@ import numpy as np
 from dmoc.arrays import Array
 from planning.station.station import Station
 from sequencing import gtsp
+from sequencing.bounds.curves import shortest_time
 from sequencing.cycle_types import CycleCost
-from sequencing.edges.estimates import least_time, travel_time
+from sequencing.edges.estimates import travel_time
 from sequencing.edges.nodes import StationNodes
 from sequencing.edges.oracle import StationEdges
 
@@ -37,8 +38,10 @@ def time_costs(station: Station, nodes: StationNodes, accelerating: bool = False
     """Approximate travel times (V, V) [s] between all nodes: the paper's max |Δq| / v, or
     `accelerating` what speed and acceleration limits leave."""
     q = nodes.q_rad
-    time = least_time if accelerating else travel_time
-    return time(station.robot, q[:, None, :], q[None, :, :])
+    if not accelerating:
+        return travel_time(station.robot, q[:, None, :], q[None, :, :])
+    way = np.abs(q[:, None, :] - q[None, :, :]).reshape(-1, q.shape[1])
+    return shortest_time(station.robot, way).reshape(len(q), len(q))
 
 
 def undirected(nodes: tuple[int, ...]) -> tuple[int, ...]:

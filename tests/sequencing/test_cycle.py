@@ -166,6 +166,11 @@ def test_new_is_no_worse_than_old_and_bounds_hold(cycle) -> None:
 
 def test_the_old_method_never_looks_worse_than_its_median(cycle) -> None:
     assert [middle_place(count) for count in range(1, 7)] == [0, 0, 1, 1, 2, 2]
+    # Beside it a sequence that knows acceleration, and how long all three really travel.
+    assert cycle.tables.least_time is not None
+    old_s, least_s, new_s = cycle.tables.travel_s
+    assert min(old_s, least_s) > 0
+    assert new_s == pytest.approx(sum(item.motion.duration_s for item in cycle.motions))
     totals = sorted(cycle.tables.time_based_totals)
     assert cycle.tables.time_based.total == totals[middle_place(len(totals))]
 
