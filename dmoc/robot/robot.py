@@ -59,9 +59,10 @@ class Robot:
     `model` holds the dynamics (tool and payload included, rotor armature in `model.armature`, base
     placement in the first joint); treat it as read-only. All vectors are (n,): position limits
     [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
-    [kg·m²]. `flange` is the frame that carries the tool. `drive` is the mapping of robot.yaml's
-    `drive` section (read by `robot.drive`); `provenance` tags every value as measured, published or
-    assumed. `allowed_collisions` are the pairs of links that may touch (neighbours in the chain).
+    [kg·m²]; jerk limits [rad/s³], None for none. `flange` is the frame that carries the tool.
+    `drive` is the mapping of robot.yaml's `drive` section (read by `robot.drive`); `provenance`
+    tags every value as measured, published or assumed. `allowed_collisions` are the pairs of links
+    that may touch (neighbours in the chain).
     `fingerprint` changes with anything that changes a motion; robots of equal fingerprint are
     equal. Pickles carry the model itself, so a worker process needs no file for dynamics.
     """
@@ -84,6 +85,7 @@ class Robot:
     allowed_collisions: tuple[tuple[str, str], ...]
     fingerprint: str
     mass_scale: float = 1.0
+    jerk_limit_rad_s3: Array | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Robot) and self.fingerprint == other.fingerprint
@@ -238,6 +240,9 @@ def load_robot(name_or_path: str | Path) -> Robot:
             (str(first), str(second)) for first, second in settings.get("allowed_collisions", ())
         ),
         fingerprint="",
+        jerk_limit_rad_s3=vector("jerk_limit_rad_s3", np.zeros(n))
+        if "jerk_limit_rad_s3" in settings
+        else None,
     )
     return _assemble(robot)
 
@@ -312,5 +317,7 @@ def _fingerprint(robot: Robot) -> str:
         digest.update(np.ascontiguousarray(vector, dtype=np.float64).tobytes())
     flange = model.frames[model.getFrameId(robot.flange)]
     digest.update(np.ascontiguousarray(flange.placement.homogeneous).tobytes())
+    if robot.jerk_limit_rad_s3 is not None:
+        digest.update(np.ascontiguousarray(robot.jerk_limit_rad_s3).tobytes())
     digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
     return digest.hexdigest()

@@ -44,7 +44,7 @@ def test_rows_tell_an_alternating_acceleration_from_its_mean() -> None:
         h = t.t_s[1]
         curve = curve_of(problem.robot, t.q_rad, t.velocity_rad_s, h)
         mobility = mobility_of(problem.robot, t.q_rad)
-        lag = lag_of(problem, curve, t.q_rad, t.torque_nm, h, mobility)
+        lag = lag_of(problem, curve, t.q_rad, t.velocity_rad_s, t.torque_nm, h, mobility)
         lags.append(np.median(np.abs(lag.acceleration)))
         if count == 40:
             means = np.diff(t.q_rad, 2, axis=0) / h**2 / problem.robot.acceleration_limit_rad_s2
