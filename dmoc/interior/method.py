@@ -16,7 +16,6 @@ from dmoc.arrays import Array
 from dmoc.interior import point_kernels as kernels
 from dmoc.interior.barrier_rule import BarrierRule
 from dmoc.interior.filter import Filter, Merit
-from dmoc.interior.frames import Frames
 from dmoc.interior.oracle import Oracle
 from dmoc.interior.point_kernels import FreeBox, Point
 from dmoc.interior.system import NewtonSystem
@@ -106,8 +105,8 @@ class _Run:
         self, oracle: Oracle, system: NewtonSystem, bounds: Bounds, start: Start, limits: Tolerances
     ) -> None:
         self.oracle, self.system, self.limits = oracle, system, limits
-        frames: Frames = oracle.frames
-        self.frames, self.size, self.equal = frames, frames.size, frames.num_momentum
+        self.frames = oracle.frames
+        self.size, self.equal = self.frames.size, self.frames.num_momentum
         num_rows = len(bounds.rows_lower)
         self.fixed = bounds.lower == bounds.upper
         self.target = bounds.rows_lower[: self.equal]
@@ -172,12 +171,8 @@ class _Run:
         acceptable = 0
         for iteration in range(self.limits.max_iterations + 1):
             error, dual, product, mean_product = self._measured(0.0)
-            if (
-                error <= self.limits.tolerance
-                and dual <= LARGEST_DUAL
-                and self.worst <= LARGEST_VIOLATION
-                and product <= LARGEST_PRODUCT
-            ):
+            small = self.worst <= LARGEST_VIOLATION and product <= LARGEST_PRODUCT
+            if error <= self.limits.tolerance and dual <= LARGEST_DUAL and small:
                 return self._outcome("converged", iteration)
             good = (
                 error <= self.limits.acceptable
@@ -340,13 +335,5 @@ class _Run:
         return error, dual, product, total / max(count, 1)
 
     def _outcome(self, reason: Reason, iterations: int) -> Outcome:
-        size = self.size
-        rows = self.y.copy()
-        return Outcome(
-            reason,
-            self.w[:size].copy(),
-            self.objective,
-            self.z_up[:size] - self.z_lo[:size],
-            rows,
-            iterations,
-        )
+        x, bounds = self.w[: self.size].copy(), (self.z_up - self.z_lo)[: self.size]
+        return Outcome(reason, x, self.objective, bounds, self.y.copy(), iterations)

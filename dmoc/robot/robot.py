@@ -17,7 +17,7 @@ import pinocchio as pin
 from dmoc.arrays import Array, joint_vector, readonly
 from dmoc.errors import Fault, RobotError
 from dmoc.robot.description import Description, LinkShape
-from dmoc.robot.settings import read_settings, settings_faults
+from dmoc.robot.settings import ACCELERATION_PER_SPEED, assumptions, read_settings, settings_faults
 from dmoc.robot.urdf import read_urdf
 
 IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
@@ -231,17 +231,21 @@ def load_robot(name_or_path: str | Path, package_path: Sequence[str | Path] = ()
         return joint_vector(default if value is None else value, key, n)
 
     velocity = vector("velocity_limit_rad_s", model.velocityLimit)
+    torque = vector("torque_limit_nm", model.effortLimit)
+    doubts = (*description.warnings, *assumptions(urdf, tree, velocity, torque))
     robot = Robot(
         name=str(settings.get("name", urdf.stem)),
         model=model,
         urdf=urdf.resolve(),
-        description=description,
+        description=replace(description, warnings=doubts),
         flange=description.flange,
         q_lower_rad=vector("q_lower_rad", model.lowerPositionLimit),
         q_upper_rad=vector("q_upper_rad", model.upperPositionLimit),
         velocity_limit_rad_s=velocity,
-        acceleration_limit_rad_s2=vector("acceleration_limit_rad_s2", 10.0 * velocity),
-        torque_limit_nm=vector("torque_limit_nm", model.effortLimit),
+        acceleration_limit_rad_s2=vector(
+            "acceleration_limit_rad_s2", ACCELERATION_PER_SPEED * velocity
+        ),
+        torque_limit_nm=torque,
         armature_kg_m2=vector("armature_kg_m2", np.zeros(n)),
         tool=Tool(),
         payload_kg=0.0,
