@@ -10,6 +10,7 @@ from dmoc.robot.description import Description
 from dmoc.robot.robot import load_robot
 from planning.collision.robot_bodies import link_bodies
 from planning.geometry.mesh_file import write_binary_stl
+from planning.station.estimate import estimated_settings, settings_text
 from planning.station.parts import check_link_meshes
 from sequencing.report.geometry import robot_triangles
 
@@ -326,3 +327,29 @@ def test_only_what_the_parser_reads_as_we_do_is_loaded():
         )
         for a, b in zip(theirs.inertias[1:], ours.inertias[1:]):
             assert np.array_equal(a.toDynamicParameters(), b.toDynamicParameters())
+
+
+def test_dynamics_are_estimated_for_a_file_without_any(tmp_path):
+    bare = [part.replace(BODY, "").replace('effort="90"', 'effort="0"') for part in PARTS]
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{"".join(bare)}</robot>')
+    faults = refused(path, "limit-effort", "mass-zero")
+    assert "--total-mass" in faults[1].fix
+    entries = estimated_settings(path, 30.0)
+    (tmp_path / "robot.yaml").write_text(settings_text(entries))
+    robot = load_robot(path)
+    assert [body["mass_kg"] for body in entries["inertials"].values()] == pytest.approx([10] * 3)
+    box = 10 / 12 * np.array([0.1**2 + 0.2**2, 0.1**2 + 0.2**2, 2 * 0.1**2])
+    assert np.allclose(np.diag(robot.model.inertias[2].inertia), box, rtol=1e-4)
+    assert np.all(robot.torque_limit_nm[:2] > robot.gravity_torque_nm(np.full(3, 1.0))[:2])
+    assert np.all(robot.armature_kg_m2 > 0)
+    assert set(robot.provenance.values()) == {"assumed"}
+    refused_by = pytest.raises(RobotError, match="estimate-given")
+    with refused_by:
+        estimated_settings(path, 30.0)
+    (tmp_path / "robot.yaml").write_text(
+        settings_text(entries).replace("mass_kg: 10", "mass_kg: -1")
+    )
+    assert {fault.field for fault in refused(path, *["robot-value"] * 3, "mass-zero")} >= {
+        "inertials.l1"
+    }
