@@ -7,10 +7,13 @@ STAMP_TEST := $(VENV)/.installed-test
 STAMP_ALL := $(VENV)/.installed-all
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 CONSTRAINTS := constraints.txt
+BUILT := $(patsubst notebooks/%.py,notebooks/_built/%.ipynb,$(wildcard notebooks/*.py))
+NBMAKE := $(BIN)/python -m pytest --nbmake --nbmake-timeout=1800 -p no:xdist --durations=0
 
-.PHONY: demo test test-slow setup lint types contracts notebooks notebooks-check bench study docs clean lock
+.PHONY: demo test test-slow setup lint types contracts python-next notebooks notebooks-check bench study docs clean lock
 
 $(BIN)/python:
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v <= (3, 14) else "dmoc runs on Python 3.11 to 3.14, and $(PYTHON) is %d.%d: name another one with make PYTHON=python3.12" % v)'
 	$(PYTHON) -m venv $(VENV)
 
 $(STAMP_RUN): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
@@ -44,14 +47,24 @@ types: $(STAMP_TEST)
 contracts: $(STAMP_TEST)
 	$(BIN)/lint-imports
 
+# Whether the dependencies have wheels for the newest Python that is let in (asks PyPI).
+python-next: $(STAMP_TEST)
+	$(BIN)/python -m pytest -m slow tests/test_python_versions.py
+
 test-slow: $(STAMP_TEST)
 	$(BIN)/python -m pytest -n 2 -m slow
 
-notebooks-check: $(STAMP_TEST)
-	$(BIN)/python notebooks/run.py --reduced
+# One notebook: make notebooks BUILT=notebooks/_built/quickstart.ipynb
+notebooks/_built/%.ipynb: notebooks/%.py | $(STAMP_TEST)
+	@mkdir -p $(@D)
+	$(BIN)/jupytext --quiet --to ipynb --output $@ $<
 
-notebooks: $(STAMP_TEST)
-	$(BIN)/python notebooks/run.py
+notebooks-check: $(BUILT)
+	DMOC_REDUCED=1 $(NBMAKE) $(BUILT)
+
+notebooks: $(BUILT)
+	env -u DMOC_REDUCED $(NBMAKE) --overwrite $(BUILT)
+	$(BIN)/jupyter nbconvert --log-level WARN --to html $(BUILT)
 
 bench: $(STAMP_ALL)
 	$(BIN)/python -m benchmarks
@@ -60,12 +73,12 @@ study: $(STAMP_RUN)
 	$(BIN)/dmoc study stud-welding
 
 docs: $(STAMP_ALL)
-	$(BIN)/python docs/build.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Freeze what is installed in a fresh environment; CI and make install with these versions.
 lock: $(STAMP_ALL)
 	$(BIN)/python -m pip freeze --exclude-editable > $(CONSTRAINTS)
 
 clean:
-	rm -rf $(VENV) build dist runs docs/_site notebooks/_built .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build dist runs notebooks/_built .pytest_cache .mypy_cache .ruff_cache
 	find . -name "*.nb[ic]" -delete

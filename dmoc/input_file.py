@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import stat
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 import yaml
 
+from dmoc.arrays import MOST_BYTES
 from dmoc.errors import DmocError, Fault, InputError
 
 
@@ -40,6 +44,24 @@ def confined(relative: str, folder: Path, file: str, field: str) -> Path:
     return path
 
 
+def content_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """The bytes of a plain file; `OSError` for a pipe, a device, a folder or a larger file.
+
+    A pipe is opened without waiting for whoever might write to it.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    try:
+        found = os.fstat(handle)
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, "not a plain file", str(path))
+        if found.st_size > most_bytes:
+            raise OSError(errno.EFBIG, f"{found.st_size} bytes, more than {most_bytes}", str(path))
+        with os.fdopen(handle, "rb", closefd=False) as stream:
+            return stream.read(most_bytes)
+    finally:
+        os.close(handle)
+
+
 T = TypeVar("T")
 FieldPath = tuple[str | int, ...]
 _MOST_BYTES = 5_000_000
@@ -47,21 +69,44 @@ _MOST_DEPTH = 40
 
 
 class _Loader(yaml.SafeLoader):
-    """SafeLoader that reads 1e-6 as a number (YAML 1.1 wants a dot there) and dates as text."""
+    """SafeLoader with the numbers and truth values of YAML 1.2; dates stay text.
+
+    YAML 1.1 reads 010 as 8, 1:30 as 90, 1_3 as 13, `on` and `no` as truth values, 1e-6 as text.
+    """
 
 
+_INT = r"[-+]?(?:0|[1-9][0-9]*)"
+_FLOAT = (
+    r"[-+]?(?:(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?"
+    r"|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN)"
+)
+_KEPT = (":null", ":merge", ":value")
 _Loader.yaml_implicit_resolvers = {
-    key: [(tag, regexp) for tag, regexp in rows if not tag.endswith((":float", ":timestamp"))]
+    key: [(tag, regexp) for tag, regexp in rows if tag.endswith(_KEPT)]
     for key, rows in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(
-        r"^[-+]?(?:(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9_]+|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?"
-        r"|\.(?:inf|Inf|INF))$|^\.(?:nan|NaN|NAN)$"
-    ),
-    list("-+0123456789."),
+for _tag, _words, _first in (
+    ("bool", "true|True|TRUE|false|False|FALSE", "tTfF"),
+    ("int", _INT, "-+0123456789"),
+    ("float", _FLOAT, "-+0123456789."),
+):
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_words})$"), list(_first)
+    )
+_PLAIN_NUMBER = re.compile(f"(?:{_INT}|{_FLOAT})")
+#: What another version of YAML takes for a number.
+_OTHER_NUMBER = re.compile(
+    r"[-+]?(?:0[xob][0-9a-f_]+|\.?[0-9][0-9_]*(?::[0-9_]+)*(?:\.[0-9_]*)?(?:e[-+]?[0-9_]+)?)",
+    re.IGNORECASE,
 )
+
+
+def _is_ambiguous(node: yaml.ScalarNode) -> bool:
+    """Whether versions of YAML read this scalar as different numbers, or as number and text."""
+    if _PLAIN_NUMBER.fullmatch(node.value):
+        return False
+    tagged = node.tag.endswith((":int", ":float"))
+    return tagged or (node.style is None and bool(_OTHER_NUMBER.fullmatch(node.value)))
 
 
 class YamlTree:
@@ -223,4 +268,12 @@ def _build(
             result[key] = _build(loader, value_node, (*path, key), lines, refuse)
             lines[(*path, key)] = line
         return result
+    if isinstance(node, yaml.ScalarNode) and _is_ambiguous(node):
+        raise refuse(
+            "yaml-number",
+            f"{field_name(path)}: {node.value}",
+            "decimal digits, a point, an exponent; no leading 0, no underscores or colons",
+            "write the number in plain decimals, or in quotes if it is a name",
+            lines[path],
+        )
     return loader.construct_object(node)

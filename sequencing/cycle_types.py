@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -23,6 +24,7 @@ class Weld:
     q_rad: Array
     cost: float
     time_s: float
+    contact_depth_m: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q_rad", readonly(self.q_rad, "q_rad", ndim=1))
@@ -71,18 +73,31 @@ class Tables:
     """Table 1 (per stud) and Table 2: old (time-based) against new (cost-based) sequence.
 
     `time_based` is the median total of `time_based_totals` (of an even number the cheaper of the
-    middle two), the costs of several sequences that all minimise the approximate travel time.
+    middle two), the costs of several sequences that all minimise the approximate travel time
+    max |Δq| / v. That ignores acceleration, so beside it `least_time` is a sequence that is
+    quickest under speed and acceleration limits (None: not asked for, or not found). `travel_s` are
+    the real travel times [s] of old, least-time and new sequence with final motions, NaN where
+    unknown.
     """
 
     studs: tuple[StudRow, ...]
     time_based: CycleCost
     time_based_totals: tuple[float, ...]
     energy_based: CycleCost
+    least_time: CycleCost | None = None
+    travel_s: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
     @property
     def saving_percent(self) -> float:
         """100 (old − new) / old of the totals."""
         return 100.0 * (1.0 - self.energy_based.total / self.time_based.total)
+
+    @property
+    def saving_against_least_time_percent(self) -> float | None:
+        """The same against `least_time`."""
+        if self.least_time is None:
+            return None
+        return 100.0 * (1.0 - self.energy_based.total / self.least_time.total)
 
 
 @dataclass(frozen=True)
@@ -147,19 +162,38 @@ class Polish:
 
 
 @dataclass(frozen=True)
+class Look:
+    """What a second engine found when it looked at the motions of a cycle.
+
+    Of `motions` it asked `configurations`, against the pieces and the original meshes, and met
+    `contacts`: none in a cycle that was planned. `refused` names motions that the certificate had
+    passed and this engine did not; the cycle goes another way.
+    """
+
+    engine: str
+    motions: int
+    configurations: int
+    contacts: int
+    refused: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Reuse:
     """Which travels came from the store and which were solved in this run.
 
-    Each is a pair of ends, `stud/alternative` or `home`. It depends on what earlier runs left
+    Each is a pair of ends, `stud/alternative` or `home`; `lost` names those that killed their
+    worker twice and count as impossible. It depends on what earlier runs left
     behind, so it is no part of a `Cycle` and of result.json: timing.json has it.
     """
 
     reused: tuple[tuple[str, str], ...]
     solved: tuple[tuple[str, str], ...]
+    lost: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """`412 travels from the store, 45 solved: S07 (45 of 45), …`: the studs that they touch."""
         text = f"{len(self.reused)} travels from the store, {len(self.solved)} solved"
+        text = "; ".join([text, *self.lost])
         if not self.reused or not self.solved:
             return text
         touched: dict[str, int] = {}
@@ -178,6 +212,7 @@ class Reuse:
             "edges_solved": len(self.solved),
             "reused": [list(pair) for pair in self.reused],
             "solved": [list(pair) for pair in self.solved],
+            "lost": list(self.lost),
         }
 
 
@@ -201,6 +236,7 @@ class Cycle:
     configurations: int
     unreachable: tuple[tuple[str, str], ...]
     polish: Polish | None = None
+    second_look: Look | None = None
     solver: str = DEFAULT_SOLVER
 
     @property

@@ -48,6 +48,8 @@ class Guess:
 class NlpSolution:
     """Where it ended. `multipliers` is opaque and only fed back through `Guess`.
 
+    `cost` is J as `Cost.transcription` says that it is reported, without smoothing.
+
     `solver` is the one that found it: with `structured` it is `ipopt` where that had to go on, and
     `iterations` are those of both.
     """

@@ -17,7 +17,7 @@ import pinocchio as pin
 from dmoc.arrays import Array, joint_vector, readonly
 from dmoc.errors import Fault, RobotError
 from dmoc.robot.description import Description, LinkShape
-from dmoc.robot.settings import read_settings, settings_faults
+from dmoc.robot.settings import ACCELERATION_PER_SPEED, assumptions, read_settings, settings_faults
 from dmoc.robot.urdf import read_urdf
 
 IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
@@ -236,17 +236,21 @@ def load_robot(
         return joint_vector(default if value is None else value, key, n)
 
     velocity = vector("velocity_limit_rad_s", model.velocityLimit)
+    torque = vector("torque_limit_nm", model.effortLimit)
+    doubts = (*description.warnings, *assumptions(urdf, tree, velocity, torque))
     robot = Robot(
         name=str(settings.get("name", urdf.stem)),
         model=model,
         urdf=urdf.resolve(),
-        description=description,
+        description=replace(description, warnings=doubts),
         flange=description.flange,
         q_lower_rad=vector("q_lower_rad", model.lowerPositionLimit),
         q_upper_rad=vector("q_upper_rad", model.upperPositionLimit),
         velocity_limit_rad_s=velocity,
-        acceleration_limit_rad_s2=vector("acceleration_limit_rad_s2", 10.0 * velocity),
-        torque_limit_nm=vector("torque_limit_nm", model.effortLimit),
+        acceleration_limit_rad_s2=vector(
+            "acceleration_limit_rad_s2", ACCELERATION_PER_SPEED * velocity
+        ),
+        torque_limit_nm=torque,
         armature_kg_m2=vector("armature_kg_m2", np.zeros(n)),
         tool=Tool(),
         payload_kg=0.0,
@@ -308,6 +312,8 @@ def _fingerprint(robot: Robot) -> str:
     digest = hashlib.sha256()
     for i in range(model.njoints):
         digest.update(model.joints[i].shortname().encode())
+        if hasattr(joint := model.joints[i].extract(), "axis"):  # the name says it of the others
+            digest.update(np.ascontiguousarray(joint.axis, dtype=float).tobytes())
         digest.update(np.ascontiguousarray(model.jointPlacements[i].homogeneous).tobytes())
         inertia = model.inertias[i]
         digest.update(np.float64(inertia.mass).tobytes() + inertia.lever.tobytes())
@@ -325,5 +331,7 @@ def _fingerprint(robot: Robot) -> str:
         digest.update(np.ascontiguousarray(vector, dtype=np.float64).tobytes())
     flange = model.frames[robot.flange_id]
     digest.update(np.ascontiguousarray(flange.placement.homogeneous).tobytes())
+    if flange.parentJoint != model.njoints - 1:  # where it nearly always is
+        digest.update(f"flange on joint {flange.parentJoint}".encode())
     digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
     return digest.hexdigest()

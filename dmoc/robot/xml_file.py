@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from dmoc.errors import Fault, RobotError
+from dmoc.input_file import content_of
 
 _MOST_BYTES = 20_000_000
 _MOST_DEPTH = 60
@@ -57,7 +58,7 @@ def read_xml(path: Path, text: str | None = None) -> Element:
                 f"<= {_MOST_BYTES}",
                 "keep shapes in mesh files",
             )
-        content = path.read_bytes() if text is None else text.encode()
+        content = content_of(path, _MOST_BYTES) if text is None else text.encode()
     except OSError as error:
         raise refuse("robot-missing", str(error), "a readable file", "check the path") from error
     reader = _Reader()

@@ -20,14 +20,18 @@ from dmoc.physics.state import knot_velocities, max_defect, residuals
 from dmoc.programme.builder import Families, motion_programme
 from dmoc.programme.curve_limits import (
     CURVE_SLACK,
+    POSITION_SLACK_RAD,
     Curve,
     Lag,
     Margins,
     curve_of,
+    excess_of,
     lag_of,
     mean_curve_of,
     mobility_of,
+    moved_inside,
     no_lag,
+    no_margins,
 )
 from dmoc.programme.numbers import (
     capacity_for,
@@ -96,7 +100,7 @@ def _with_lazy_limits(
     lag = None if warm is None else warm.lag
     if lag is None:
         lag = no_lag(problem.num_intervals, problem.robot.num_joints)
-    margins = Margins(lag, np.zeros_like(lag.slope), np.zeros_like(lag.velocity))
+    margins = no_margins(lag)
     exact, iterations, corrections = params.limit_curve, 0, 0
     slack = CURVE_SLACK if exact else 0.0
     no_mobility = np.zeros((len(lag.velocity), problem.robot.num_joints, problem.robot.num_joints))
@@ -110,6 +114,8 @@ def _with_lazy_limits(
             break
         curve = _curve(problem, solution, exact)
         too_fast, too_hard = curve.breaks_velocity(slack), curve.breaks_acceleration(slack)
+        too_far = _excess(problem, solution)
+        leaves = exact and bool(too_far.max() > POSITION_SLACK_RAD)
         wider = replace(
             families,
             velocity=families.velocity or too_fast,
@@ -117,11 +123,14 @@ def _with_lazy_limits(
         )
         if wider == families:
             most = params.curve_corrections if exact else 0
-            if not (solution.status.ok and (too_fast or too_hard)) or corrections == most:
+            broken = too_fast or too_hard or leaves
+            if not (solution.status.ok and broken) or corrections == most:
                 break
             corrections += 1
             if corrections > 1:  # a better lag alone did not do
                 margins = margins.corrected(curve)
+        if leaves and solution.status.ok:
+            margins = replace(margins, inside=moved_inside(margins.inside, too_far))
         if solution.status.ok:
             lag = _lag(problem, solution) if exact else lag
             if wider != families:
@@ -145,6 +154,10 @@ def _curve(problem: MotionProblem, solution: NlpSolution, exact: bool) -> Curve:
     if exact:
         return curve_of(problem.robot, solution.q_rad, solution.velocity_rad_s, solution.step_s)
     return mean_curve_of(problem, solution.q_rad, solution.step_s)
+
+
+def _excess(problem: MotionProblem, solution: NlpSolution) -> Array:
+    return excess_of(problem.robot, solution.q_rad, solution.velocity_rad_s, solution.step_s)
 
 
 def _lag(problem: MotionProblem, solution: NlpSolution) -> Lag:
@@ -182,7 +195,7 @@ def _solve_once(
     motion = motion_programme(problem, families)
     layout, robot = motion.layout, problem.robot
     half, lower_half = half_space_params(problem, rows, families.half_spaces)
-    lbx, ubx = variable_bounds(problem, motion, box)
+    lbx, ubx = variable_bounds(problem, motion, box, margins.inside)
     lbg, ubg = row_bounds(problem, motion, lower_half, margins)
     if np.any(lbx > ubx) or np.any(lbg > ubg):
         return _hopeless(problem, guess, families)
@@ -209,9 +222,13 @@ def _solve_once(
     cost = float(result["f"])
     if not (np.all(np.isfinite(x)) and np.isfinite(cost)):
         status, x = Status.NUMERICAL_FAILURE, arguments["x0"]
+    elif problem.cost.reported_kappa != problem.cost.kappa:
+        p = arguments["p"].copy()
+        p[motion.params["weights"][-1]] = problem.cost.reported_kappa
+        cost = float(motion.programme.nlp(x, p)[0])
     q, u, h = x[layout.knots()], x[layout.torques()], float(x[layout.step])
     torque = u * robot.torque_limit_nm
-    smoothing = problem.cost.torque_smoothing * float(np.sum(np.diff(u, axis=0) ** 2))
+    smoothing = problem.cost.smoothing * float(np.sum(np.diff(u, axis=0) ** 2))
     left, right = residuals(problem, q, torque, h)
     defect = max_defect(problem, q, left, right, h)
     if status is Status.CONVERGED and defect > LARGEST_DEFECT:

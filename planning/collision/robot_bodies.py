@@ -30,14 +30,15 @@ def link_bodies(robot: Robot) -> tuple[Mounted, ...]:
     shapes: dict[str, list[Shape]] = {}
     joints: dict[str, int] = {}
     for item in robot.link_shapes():
-        shapes.setdefault(item.link, []).extend(_shapes(item, robot))
+        shapes.setdefault(item.link, []).extend(link_pieces(item, robot))
         joints[item.link] = item.joint
     return tuple(
         Mounted(Body(link, tuple(parts)), joints[link], np.eye(4)) for link, parts in shapes.items()
     )
 
 
-def _shapes(item: PlacedShape, robot: Robot) -> tuple[Shape, ...]:
+def link_pieces(item: PlacedShape, robot: Robot) -> tuple[Shape, ...]:
+    """The primitive, or convex pieces over the mesh, of a link's shape in the joint's frame."""
     pose, kind = item.placement.homogeneous, item.shape.kind
     if kind == "mesh":
         mesh = load_link_mesh(item.shape, str(robot.urdf), f"link {item.link}.collision")

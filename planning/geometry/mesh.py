@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -14,6 +15,7 @@ from dmoc.arrays import Array, StaysReadonly, readonly
 from dmoc.errors import Fault, MeshError
 from dmoc.input_file import confined
 from dmoc.robot.description import LinkShape, Three
+from dmoc.robot.robot import Robot
 from planning.geometry.mesh_file import MeshSyntaxError, read_triangles
 
 UNITS = {"m": 1.0, "mm": 1e-3}
@@ -72,6 +74,21 @@ def load_link_mesh(shape: LinkShape, file: str, field: str) -> Mesh:
     except OSError:
         changed = 0
     return _read_link(shape.mesh, shape.scale, changed, how, fix, file, field)
+
+
+def shape_fingerprint(robot: Robot) -> str:
+    """sha256 of the links' collision shapes: sizes, triangles and places, no file names.
+
+    Dynamics don't see shapes, so `Robot.fingerprint` leaves them out.
+    """
+    digest = hashlib.sha256(repr(sorted(robot.allowed_collisions)).encode())
+    for item in robot.link_shapes():
+        digest.update(f"{item.link}|{item.joint}|{item.shape.kind}|{item.shape.size_m}".encode())
+        digest.update(item.placement.homogeneous.tobytes())
+        if item.shape.kind == "mesh":
+            mesh = load_link_mesh(item.shape, str(robot.urdf), f"link {item.link}")
+            digest.update(mesh.vertices_m.tobytes() + mesh.faces.tobytes())
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=128)

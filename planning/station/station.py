@@ -13,7 +13,7 @@ from dmoc.arrays import Array, StaysReadonly
 from dmoc.errors import Fault, InputError
 from dmoc.motion.cost import Cost
 from dmoc.robot.robot import Robot
-from planning.geometry.mesh import load_link_mesh
+from planning.geometry.mesh import shape_fingerprint
 from planning.geometry.shapes import Body
 from planning.station.studs import Stud
 
@@ -31,12 +31,7 @@ def station_fingerprint(station: Station) -> str:
                 digest.update(repr(value).encode())
             digest.update(b"|")
 
-    add(station.robot.fingerprint, station.robot.flange)
-    for item in station.robot.link_shapes():
-        add(item.link, item.joint, item.placement.homogeneous, item.shape.kind, item.shape.size_m)
-        if item.shape.kind == "mesh":
-            mesh = load_link_mesh(item.shape, str(station.robot.urdf), f"link {item.link}")
-            add(mesh.vertices_m, mesh.faces)
+    add(station.robot.fingerprint, shape_fingerprint(station.robot), station.robot.flange)
     for body in (*station.tool_bodies, *station.obstacles):
         add(body.name, body.pose, body.touches)
         for shape in (*body.shapes, *((body.mesh,) if body.mesh else ())):

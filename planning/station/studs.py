@@ -11,6 +11,7 @@ import numpy as np
 
 from dmoc.arrays import Array, StaysReadonly, readonly
 from dmoc.errors import Fault, InputError
+from dmoc.input_file import content_of
 
 REQUIRED = ("id", "x_m", "y_m", "z_m", "nx", "ny", "nz", "weld_time_s")
 OPTIONAL = ("spin_free", "group", "depart_x", "depart_y", "depart_z", "depart_m", "on")
@@ -136,7 +137,8 @@ def _text(path: Path) -> str:
                     fix="split the station",
                 )
             )
-        return path.read_text(encoding="utf-8-sig")
+        text = content_of(path, _MOST_BYTES).decode("utf-8-sig")
+        return text.replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise InputError(
             Fault(

@@ -199,7 +199,8 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
     """The object of `dmoc check --json`.
 
     `studs`: per stud `id`, `alternatives` (their number), `reason` (empty, or what took the
-    candidates away, most frequent first), `weld_cost` [least, most] or null; besides `name`,
+    candidates away, most frequent first), `weld_cost` [least, most] or null, `contact_depth_m`
+    (how deep the shapes of tool and part overlap at the deepest weld pose); besides `name`,
     `robot`, `flange`, `configurations`, `clearance_m`, an empty `errors`, and `warnings`: what is
     legal but hardly meant, each like an error (code, file, field, value, legal, fix). With
     `engines` also `engines`: how far the other collision engines are from the station's
@@ -221,6 +222,9 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
                 "alternatives": len(found.alternatives),
                 "reason": "" if costs else ", ".join(f"{text} ({n})" for text, n in counted),
                 "weld_cost": [min(costs), max(costs)] if costs else None,
+                "contact_depth_m": max(
+                    (contact_depth_m(world, item.q_rad) for item in found.alternatives), default=0.0
+                ),
             }
         )
     doubts = [*station_warnings(station), *_always(station, world)]
@@ -241,6 +245,14 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
         "warnings": [fault.to_dict() for fault in doubts],
         **({"engines": opinions} if engines else {}),
     }
+
+
+def contact_depth_m(world: CollisionWorld, q_rad: Array) -> float:
+    """How deep the collision shapes of tool and part overlap at a weld pose [m]; 0 without contact.
+
+    Shapes are convex pieces and stay outside the mesh, so the bodies themselves overlap less.
+    """
+    return max(0.0, -world.distance(q_rad, 0.0)[0])
 
 
 def _disagreement(station: Station, opinion: dict[str, Any]) -> Fault:

@@ -21,7 +21,9 @@ def run_check(
     console.show(f"{station}: {len(studs)} studs, tool on {data['flange']} of {data['robot']}")
     for row in studs:
         reason = f"  {row['reason']}" if row["reason"] else ""
-        console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{reason}")
+        depth = 1e3 * row["contact_depth_m"]
+        inside = f", shapes overlap by {depth:.2f} mm at the weld" if depth > 0.005 else ""
+        console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{inside}{reason}")
     for row in data.get("engines", ()):
         console.show(
             f"  engine {row['engine']:<5} {row['configurations']} configurations: at most "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -13,17 +13,19 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.motion.motion import Motion
+from dmoc.motion.status import Status
 from dmoc.refinement.params import method_named
 from dmoc.solving.solvers import DEFAULT_SOLVER, require_solver
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
-from planning.welds.check import check_home
+from planning.welds.check import check_home, contact_depth_m
 from planning.welds.poses import StudAlternatives
 from sequencing import gtsp
 from sequencing.cycle.baseline import TimedSequence, middle_place, time_based_sequences
 from sequencing.cycle.lazy import LazyResult, LazyRound, LazyStop, solve_lazily
 from sequencing.cycle.polish import polish_cycle
+from sequencing.cycle.second_look import MotionLooks
 from sequencing.cycle_types import (
     Cycle,
     CycleCost,
@@ -129,10 +131,7 @@ def plan_station(
     method = method_named(method)
     require_solver(solver, "solver")
     if not isinstance(store, EdgeStore):
-        with (
-            tempfile.TemporaryDirectory(prefix="dmoc-") as folder,
-            EdgeStore(store or Path(folder) / "edges.sqlite") as opened,
-        ):
+        with EdgeStore(store or ":memory:") as opened:
             return plan_station(
                 station,
                 seed=seed,
@@ -167,28 +166,34 @@ def plan_station(
         executor=executor,
         progress=lambda event: tell(PlanEvent("edges", event)),
     )
-    try:
-        count = len(nodes.studs)
-        oracle.train(settings.training(count), settings.coverage(count))
-        factors, coverage = oracle.floor_factors(0.01)
-        best, result = _best_cycle(oracle, settings, factors, seed, tell)
-        search = _search(oracle, best, result, (factors, coverage))
-        tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
-        old = time_based_sequences(oracle, settings.baseline_draws, seed)
-        tables = _tables(oracle, found, best, old)
-        polished = None
-        welds, motions = best.welds, best.motions
-        if polish:
-            tell(PlanEvent("polish", best=best.cost.total))
-            welds, motions, polished = polish_cycle(
-                oracle, world, welds, motions, lambda cost: tell(PlanEvent("polish", best=cost))
-            )
-            travel = float(sum(item.motion.cost for item in motions))
-            cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
-            tables = replace(tables, energy_based=cost)
-        tell(PlanEvent("done", best=best.tour.cost, reuse=oracle.reuse()))
-    finally:
-        oracle.close()
+    count = len(nodes.studs)
+    oracle.train(settings.training(count), settings.coverage(count))
+    factors, coverage = oracle.floor_factors(0.01)
+    looks = MotionLooks(station)
+    best, result = _best_cycle(oracle, looks, settings, factors, seed, tell)
+    search = _search(oracle, best, result, (factors, coverage))
+    tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
+    old = time_based_sequences(oracle, settings.baseline_draws, seed)
+    quick = time_based_sequences(oracle, 1, seed, accelerating=True) if old else ()
+    tables = _tables(oracle, found, best, old, quick)
+    polished = None
+    welds, motions = best.welds, best.motions
+    if polish:
+        tell(PlanEvent("polish", best=best.cost.total))
+        welds, motions, polished = polish_cycle(
+            oracle,
+            world,
+            looks,
+            welds,
+            motions,
+            lambda cost: tell(PlanEvent("polish", best=cost)),
+        )
+        travel = float(sum(item.motion.cost for item in motions))
+        cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
+        times = (*tables.travel_s[:2], _travel_s(motions))
+        tables = replace(tables, energy_based=cost, travel_s=times)
+    welds = tuple(replace(w, contact_depth_m=contact_depth_m(world, w.q_rad)) for w in welds)
+    tell(PlanEvent("done", best=best.tour.cost, reuse=oracle.reuse()))
     return Cycle(
         station=station,
         seed=seed,
@@ -201,6 +206,7 @@ def plan_station(
         configurations=nodes.num_configurations,
         unreachable=unreachable,
         polish=polished,
+        second_look=looks.report(motions),
         solver=solver,
     )
 
@@ -223,9 +229,14 @@ class _Executed:
 
 
 def _best_cycle(
-    oracle: StationEdges, settings: PlanStop, factors: Array, seed: int, tell: Progress
+    oracle: StationEdges,
+    looks: MotionLooks,
+    settings: PlanStop,
+    factors: Array,
+    seed: int,
+    tell: Progress,
 ) -> tuple[_Executed, LazyResult]:
-    """The lazy loop, repeated until every motion of its tour is final and certified."""
+    """The lazy loop, repeated until every motion of its tour is final, certified, looked at."""
     nodes, station = oracle.nodes, oracle.station
     base = nodes.problem(_zero_costs(nodes), station)
 
@@ -246,15 +257,18 @@ def _best_cycle(
             callback=show,
         )
         if not result.tour.found:
-            raise NoCycle({"cycle": _why_no_cycle(oracle, result)})
+            raise NoCycle({"cycle": "; ".join([_why_no_cycle(oracle, result), *looks.refused])})
         tell(PlanEvent("final motions", None, result.tour.cost, result.conditional_gap))
         executed, failed = execute(oracle, result.tour)
+        judged = zip(executed.pairs, looks.judged(executed.motions))
+        failed += [pair for pair, item in judged if item.motion.status is Status.UNCERTIFIED]
         oracle.forbid(failed)
         # The loop goes on with the final costs until its tour consists of nothing else: cost and
         # gaps then speak of the cycle that is delivered.
         if not failed and not oracle.settle(executed.pairs, executed.motions):
             return executed, result
-    raise NoCycle({"cycle": f"no tour with certified final motions in {MAX_FINAL_REPAIRS} tries"})
+    why = f"no tour with certified final motions in {MAX_FINAL_REPAIRS} tries"
+    raise NoCycle({"cycle": "; ".join([why, *looks.refused])})
 
 
 def _zero_costs(nodes: StationNodes) -> np.ndarray:
@@ -384,20 +398,32 @@ def _tables(
     found: tuple[StudAlternatives, ...],
     best: _Executed,
     old: tuple[TimedSequence, ...],
+    quick: tuple[TimedSequence, ...],
 ) -> Tables:
     rows = []
     for item in found:
         welds = [alternative.weld_cost for alternative in item.alternatives]
         if welds:
             rows.append(StudRow(item.stud.id, len(welds), min(welds), max(welds)))
-    costs = sorted(
-        (_final_cost(oracle, sequence) for sequence in old), key=lambda cost: cost.total
-    ) or [best.cost]
-    totals = tuple(cost.total for cost in costs)
-    return Tables(tuple(rows), costs[middle_place(len(costs))], totals, best.cost)
+    new_s = _travel_s(best.motions)
+    final = sorted(
+        (_final(oracle, sequence) for sequence in old), key=lambda item: item[0].total
+    ) or [(best.cost, new_s)]
+    middle, old_s = final[middle_place(len(final))]
+    least, least_s = _final(oracle, quick[0]) if quick else (None, math.nan)
+    totals = tuple(cost.total for cost, _ in final)
+    return Tables(tuple(rows), middle, totals, best.cost, least, (old_s, least_s, new_s))
 
 
-def _final_cost(oracle: StationEdges, sequence: TimedSequence) -> CycleCost:
-    """The sequence with final motions; its screening cost where one of them is not certified."""
+def _final(oracle: StationEdges, sequence: TimedSequence) -> tuple[CycleCost, float]:
+    """Cost and travel time [s] of the sequence with final motions; its screening cost and NaN where
+    one of them is not certified."""
     executed, failed = execute(oracle, Tour(sequence.nodes, sequence.cost.total))
-    return sequence.cost if failed else executed.cost
+    if failed:
+        return sequence.cost, math.nan
+    return executed.cost, _travel_s(executed.motions)
+
+
+def _travel_s(motions: tuple[CycleMotion, ...]) -> float:
+    """How long the motions take [s]; welding is not among them."""
+    return float(sum(item.motion.duration_s for item in motions))

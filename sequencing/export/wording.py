@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.motion.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion, Weld
 from sequencing.runs.clock import trajectory_of
@@ -66,15 +66,13 @@ def identifier(text: str, longest: int) -> str:
 def six_joints(run: Run, language: str) -> None:
     """Refuse a robot that does not have the six joints that `language` can name."""
     if len(run.joint_names) != 6:
-        raise InputError(
-            Fault(
-                "export-joints",
-                file=str(run.folder),
-                field="robot.joint_names",
-                value=str(len(run.joint_names)),
-                legal=f"6 joints for {language}",
-                fix="use csv or ros for other arms",
-            )
+        raise InputError.of(
+            "export-joints",
+            file=str(run.folder),
+            field="robot.joint_names",
+            value=str(len(run.joint_names)),
+            legal=f"6 joints for {language}",
+            fix="use csv or ros for other arms",
         )
 
 
@@ -95,11 +93,12 @@ def point_to_point(
     first_move: Callable[[Array], str],
     moves: Callable[..., list[str]],
     wait: str,
+    after: Sequence[str] = (),
 ) -> list[str]:
     """Body of a program of single moves: to the first pose, then motions and welds in order.
 
     `first_move` writes the move to a pose, `moves` those along a trajectory; `comment` begins a
-    comment, and `wait` takes the weld's seconds.
+    comment, `wait` takes the weld's seconds, and `after` follows every motion.
     """
     body: list[str] = []
     for step in steps(run):
@@ -115,6 +114,7 @@ def point_to_point(
         if not body:
             body.append(first_move(trajectory.q_rad[0]))
         body += [f"{comment} motion {title(item)}", *moves(trajectory), f"{comment} end {item.key}"]
+        body += after
     return body
 
 

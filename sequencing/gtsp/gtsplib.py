@@ -4,9 +4,12 @@
     GTSP_SET_SECTION
     1  4 7 9 -1        set number, 1-based nodes, −1
 
-All metrics and all explicit formats of TSPLIB are read. Two sections of our own keep what the
+All metrics and all explicit formats of TSPLIB are read. Keys and sections of our own keep what the
 format lacks, written only where needed: HOME, START, END, PATH keys (1-based), NODE_COST_SECTION
 (V numbers), EXIT_SECTION (V nodes) and PRECEDENCE_SECTION (pairs of sets, ended by −1).
+
+A key, section or TYPE that is not listed here would be a constraint dropped without a word, so it
+is refused by name; so is the word −1 in a matrix, which SOP files use for a precedence.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from dmoc.errors import DmocError, Fault, InputError
+from dmoc.input_file import content_of
 from sequencing.gtsp.problem import GtspProblem
 
 
@@ -30,23 +34,20 @@ def _differences(xyz: np.ndarray) -> np.ndarray:
     return np.abs(xyz[:, None, :] - xyz[None, :, :])
 
 
-def euclidean(xyz: np.ndarray) -> np.ndarray:
-    """EUC_2D and EUC_3D: rounded Euclidean distance."""
-    return _nint(np.sqrt((_differences(xyz) ** 2).sum(axis=2)))
+def _straight(xyz: np.ndarray) -> np.ndarray:
+    return np.sqrt((_differences(xyz) ** 2).sum(axis=2))
 
 
-def ceiling(xyz: np.ndarray) -> np.ndarray:
-    """CEIL_2D: Euclidean distance rounded up."""
-    return np.ceil(np.sqrt((_differences(xyz) ** 2).sum(axis=2)))
+def _euclidean(xyz: np.ndarray) -> np.ndarray:
+    return _nint(_straight(xyz))
 
 
-def manhattan(xyz: np.ndarray) -> np.ndarray:
-    """MAN_2D and MAN_3D."""
+def _manhattan(xyz: np.ndarray) -> np.ndarray:
     return _nint(_differences(xyz).sum(axis=2))
 
 
-def maximum(xyz: np.ndarray) -> np.ndarray:
-    """MAX_2D and MAX_3D: the largest of the rounded coordinate differences."""
+def _maximum(xyz: np.ndarray) -> np.ndarray:
+    """The largest of the rounded coordinate differences."""
     return _nint(_differences(xyz)).max(axis=2)
 
 
@@ -70,35 +71,31 @@ def geographical(xyz: np.ndarray) -> np.ndarray:
     return np.trunc(6378.388 * np.arccos(np.clip(argument, -1.0, 1.0)) + 1.0)
 
 
-def crystallography_1(xyz: np.ndarray) -> np.ndarray:
-    """XRAY1: time of the slowest motor of a diffractometer, in hundredths."""
-    return _nint(100.0 * _motor_times(xyz, 1.0, 1.0, 1.0))
+def _crystallography(phi: float, chi: float, theta: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Time of the slowest motor of a diffractometer, in hundredths."""
 
+    def distance(xyz: np.ndarray) -> np.ndarray:
+        delta = _differences(xyz)
+        turn = np.minimum(delta[:, :, 0], np.abs(delta[:, :, 0] - 360.0))
+        times = np.maximum(np.maximum(turn / phi, delta[:, :, 1] / chi), delta[:, :, 2] / theta)
+        return _nint(100.0 * times)
 
-def crystallography_2(xyz: np.ndarray) -> np.ndarray:
-    """XRAY2: as XRAY1 with other motor speeds."""
-    return _nint(100.0 * _motor_times(xyz, 1.25, 1.5, 1.15))
-
-
-def _motor_times(xyz: np.ndarray, phi: float, chi: float, theta: float) -> np.ndarray:
-    delta = _differences(xyz)
-    turn = np.minimum(delta[:, :, 0], np.abs(delta[:, :, 0] - 360.0))
-    return np.maximum(np.maximum(turn / phi, delta[:, :, 1] / chi), delta[:, :, 2] / theta)
+    return distance
 
 
 # EDGE_WEIGHT_TYPE: (number of coordinates, distance)
 METRICS: dict[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
-    "EUC_2D": (2, euclidean),
-    "EUC_3D": (3, euclidean),
-    "MAX_2D": (2, maximum),
-    "MAX_3D": (3, maximum),
-    "MAN_2D": (2, manhattan),
-    "MAN_3D": (3, manhattan),
-    "CEIL_2D": (2, ceiling),
+    "EUC_2D": (2, _euclidean),
+    "EUC_3D": (3, _euclidean),
+    "MAX_2D": (2, _maximum),
+    "MAX_3D": (3, _maximum),
+    "MAN_2D": (2, _manhattan),
+    "MAN_3D": (3, _manhattan),
+    "CEIL_2D": (2, lambda xyz: np.ceil(_straight(xyz))),
     "GEO": (2, geographical),
     "ATT": (2, pseudo_euclidean),
-    "XRAY1": (3, crystallography_1),
-    "XRAY2": (3, crystallography_2),
+    "XRAY1": (3, _crystallography(1.0, 1.0, 1.0)),
+    "XRAY2": (3, _crystallography(1.25, 1.5, 1.15)),
 }
 
 
@@ -114,6 +111,32 @@ FORMATS = (
     "LOWER_DIAG_COL",
 )
 LARGEST_DIMENSION = 20_000  # a cost matrix of 3.2 GB
+TYPES = ("TSP", "ATSP", "GTSP", "AGTSP", "PCGTSP")
+#: What is read, and what changes nothing.
+KEYS = (
+    "NAME",
+    "TYPE",
+    "COMMENT",
+    "DIMENSION",
+    "GTSP_SETS",
+    "EDGE_WEIGHT_TYPE",
+    "EDGE_WEIGHT_FORMAT",
+    "NODE_COORD_TYPE",
+    "DISPLAY_DATA_TYPE",
+    "HOME",
+    "START",
+    "END",
+    "PATH",
+)
+SECTIONS = (
+    "NODE_COORD_SECTION",
+    "EDGE_WEIGHT_SECTION",
+    "DISPLAY_DATA_SECTION",
+    "GTSP_SET_SECTION",
+    "NODE_COST_SECTION",
+    "EXIT_SECTION",
+    "PRECEDENCE_SECTION",
+)
 
 
 class _File:
@@ -124,14 +147,14 @@ class _File:
         self.header: dict[str, tuple[str, int]] = {}
         self.sections: dict[str, list[tuple[str, int]]] = {}
         try:
-            text = path.read_text(encoding="utf-8")
+            text = content_of(path).decode("utf-8")
         except OSError as error:
-            raise InputError(
-                Fault("gtsp-file", file=str(path), value=str(error.strerror), legal="a file")
+            raise InputError.of(
+                "gtsp-file", file=str(path), value=str(error.strerror), legal="a file"
             ) from error
         except UnicodeDecodeError as error:
-            raise InputError(
-                Fault("gtsp-file", file=str(path), value="not text", legal="a .gtsp text file")
+            raise InputError.of(
+                "gtsp-file", file=str(path), value="not text", legal="a .gtsp text file"
             ) from error
         current: list[tuple[str, int]] | None = None
         for number, line in enumerate(text.splitlines(), start=1):
@@ -140,25 +163,43 @@ class _File:
                 continue
             if words[0].upper() == "EOF":
                 break
-            key = words[0].rstrip(":").upper()
-            if key.endswith("_SECTION"):
-                current = self.sections.setdefault(key, [])
-                current += [(word, number) for word in words[1:] if word != ":"]
-            elif key[0].isalpha() and key not in ("INF", "NAN"):
+            key = words[0].split(":", 1)[0].upper()
+            if key[:1].isalpha() and key not in ("INF", "NAN"):
+                self._require_known(key, number)
+                name, colon, value = line.partition(":")
+                value = value if colon and name.split() == [words[0].split(":")[0]] else ""
+                value = value.strip() or " ".join(words[1:]).lstrip(": ")
                 current = None
-                value = line.split(":", 1)[1] if ":" in line else " ".join(words[1:])
-                self.header[key] = (value.strip(), number)
+                if key in SECTIONS:
+                    current = self.sections.setdefault(key, [])
+                    current += [(word, number) for word in value.split()]
+                else:
+                    self.header[key] = (value, number)
             elif current is not None:
                 current += [(word, number) for word in words]
             else:
                 raise self.error("gtsp-line", "", line.strip()[:40], "KEY: value", number)
 
+    def _require_known(self, key: str, line: int) -> None:
+        if key not in KEYS and key not in SECTIONS:
+            legal = (
+                "the keys of TSPLIB and, as constraints, HOME, START, END, PATH, PRECEDENCE_SECTION"
+            )
+            fix = "say it with one of these, or take it out; remarks belong behind COMMENT:"
+            raise self.error("gtsp-not-understood", key, key, legal, line, fix)
+        if (key in self.header and key != "COMMENT") or key in self.sections:
+            raise self.error("gtsp-twice", key, "a second time", "once", line)
+
     def error(
-        self, code: str, field: str, value: str, legal: str, line: int | None = None
+        self,
+        code: str,
+        field: str,
+        value: str,
+        legal: str,
+        line: int | None = None,
+        fix: str = "",
     ) -> InputError:
-        return InputError(
-            Fault(code, file=str(self.path), field=field, value=value, legal=legal, line=line)
-        )
+        return InputError.of(code, str(self.path), field, value, legal, fix, line)
 
     def text(self, key: str, default: str | None = None) -> str:
         if key in self.header:
@@ -197,6 +238,9 @@ class _File:
 def read_gtsplib(path: str | Path) -> GtspProblem:
     """The problem of a `.gtsp` file. Raises `InputError` naming file, line, field and remedy."""
     file = _File(Path(path))
+    kind = file.text("TYPE", "GTSP").upper()
+    if kind not in TYPES:
+        raise file.error("gtsp-type", "TYPE", kind, ", ".join(TYPES), file.header["TYPE"][1])
     size = file.whole("DIMENSION")
     cost = _cost(file, size)
     clusters = _sets(file, size)
@@ -204,7 +248,10 @@ def read_gtsplib(path: str | Path) -> GtspProblem:
     for key in ("HOME", "START", "END"):
         if key in file.header:
             fields[key.lower()] = file.whole(key) - 1
-    fields["path"] = file.text("PATH", "no").lower() in ("yes", "true", "1")
+    path_text = file.text("PATH", "no").lower()
+    if path_text not in ("yes", "true", "1", "no", "false", "0"):
+        raise file.error("gtsp-path", "PATH", path_text, "yes or no", file.header["PATH"][1])
+    fields["path"] = path_text in ("yes", "true", "1")
     if "NODE_COST_SECTION" in file.sections:
         fields["node_cost"] = file.numbers("NODE_COST_SECTION", size)
     if "EXIT_SECTION" in file.sections:
@@ -214,6 +261,8 @@ def read_gtsplib(path: str | Path) -> GtspProblem:
         values = values[:-1] if values.size and values[-1] == -1 else values
         if values.size % 2:
             raise file.error("gtsp-count", "PRECEDENCE_SECTION", "an odd count", "pairs, then -1")
+        if not np.array_equal(values, np.floor(values)):
+            raise file.error("gtsp-not-integer", "PRECEDENCE_SECTION", "fractions", "set numbers")
         fields["precedence"] = [(int(a) - 1, int(b) - 1) for a, b in values.reshape(-1, 2)]
     try:
         return GtspProblem.from_clusters(cost, clusters, **fields)
@@ -264,6 +313,9 @@ def _cost(file: _File, size: int) -> np.ndarray:
     if kind not in METRICS:
         legal = ", ".join(["EXPLICIT", *METRICS])
         raise file.error("gtsp-metric", "EDGE_WEIGHT_TYPE", kind, legal)
+    if "EDGE_WEIGHT_SECTION" in file.sections:
+        text = f"{kind} and EDGE_WEIGHT_SECTION"
+        raise file.error("gtsp-metric", "EDGE_WEIGHT_TYPE", text, "a metric or EXPLICIT weights")
     dimensions, metric = METRICS[kind]
     table = file.numbers("NODE_COORD_SECTION", size * (dimensions + 1))
     table = table.reshape(size, dimensions + 1)
@@ -278,18 +330,30 @@ def _explicit(file: _File, size: int) -> np.ndarray:
     form = file.text("EDGE_WEIGHT_FORMAT").upper()
     if form not in FORMATS:
         raise file.error("gtsp-format", "EDGE_WEIGHT_FORMAT", form, ", ".join(FORMATS))
-    if form == "FULL_MATRIX":
-        return file.numbers("EDGE_WEIGHT_SECTION", size * size).reshape(size, size)
     diagonal = "DIAG" in form
-    count = size * (size + 1) // 2 if diagonal else size * (size - 1) // 2
+    if form == "FULL_MATRIX":
+        count = size * size
+    else:
+        count = size * (size + 1) // 2 if diagonal else size * (size - 1) // 2
     values = file.numbers("EDGE_WEIGHT_SECTION", count)
-    # a matrix given by columns of one triangle is, read by rows, the other triangle
-    upper = form.startswith("UPPER") != form.endswith("COL")
-    offset = 0 if diagonal else 1
-    rows, columns = np.triu_indices(size, offset) if upper else np.tril_indices(size, -offset)
+    if form == "FULL_MATRIX":
+        rows, columns = (index.ravel() for index in np.indices((size, size)))
+    else:
+        # a matrix given by columns of one triangle is, read by rows, the other triangle
+        upper = form.startswith("UPPER") != form.endswith("COL")
+        offset = 0 if diagonal else 1
+        rows, columns = np.triu_indices(size, offset) if upper else np.tril_indices(size, -offset)
+    for k in np.flatnonzero((values == -1) & (rows != columns)):
+        word, line = file.sections["EDGE_WEIGHT_SECTION"][k]
+        if word == "-1":
+            text = f"-1 in row {rows[k] + 1}, column {columns[k] + 1}"
+            legal = "costs; in SOP and PCGTSP files -1 says that the column comes before the row"
+            fix = "write the order as PRECEDENCE_SECTION; a cost of minus one is written -1.0"
+            raise file.error("gtsp-minus-one", "EDGE_WEIGHT_SECTION", text, legal, line, fix)
     cost = np.zeros((size, size))
     cost[rows, columns] = values
-    cost[columns, rows] = values
+    if form != "FULL_MATRIX":
+        cost[columns, rows] = values
     return cost
 
 
@@ -326,6 +390,8 @@ def _sets(file: _File, size: int) -> list[list[int]]:
 
 
 def _number(value: float) -> str:
+    if value == -1:
+        return "-1.0"  # the bare word is refused in a matrix
     return str(int(value)) if math.isfinite(value) and value == int(value) else repr(float(value))
 
 

@@ -45,21 +45,19 @@ def frozen_array(value: Any, name: str, dtype: Any, ndim: int) -> np.ndarray:
         raw = np.asarray(value)
         array = np.array(raw, dtype=dtype)
     except (TypeError, ValueError) as error:
-        raise ProblemError(
-            Fault("gtsp-not-numeric", field=name, value=str(error), legal="an array of numbers")
+        raise ProblemError.of(
+            "gtsp-not-numeric", field=name, value=str(error), legal="an array of numbers"
         ) from error
     if array.ndim != ndim or array.size == 0:
-        raise ProblemError(
-            Fault(
-                "gtsp-shape",
-                field=name,
-                value=f"shape {array.shape}",
-                legal=f"{ndim} dimension(s), not empty",
-            )
+        raise ProblemError.of(
+            "gtsp-shape",
+            field=name,
+            value=f"shape {array.shape}",
+            legal=f"{ndim} dimension(s), not empty",
         )
     if np.issubdtype(array.dtype, np.integer) and not np.array_equal(raw, array):
-        raise ProblemError(
-            Fault("gtsp-not-integer", field=name, value="fractions", legal="whole numbers")
+        raise ProblemError.of(
+            "gtsp-not-integer", field=name, value="fractions", legal="whole numbers"
         )
     array.flags.writeable = False
     return array
@@ -73,13 +71,11 @@ def precedence_pairs(precedence: Any) -> tuple[tuple[int, int], ...]:
     try:
         return tuple(sorted({(int(a), int(b)) for a, b in edges}))
     except (TypeError, ValueError) as error:
-        raise ProblemError(
-            Fault(
-                "gtsp-precedence-pairs",
-                field="precedence",
-                value=str(error),
-                legal="pairs (before, after) of cluster numbers, or a DiGraph over them",
-            )
+        raise ProblemError.of(
+            "gtsp-precedence-pairs",
+            field="precedence",
+            value=str(error),
+            legal="pairs (before, after) of cluster numbers, or a DiGraph over them",
         ) from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -62,7 +63,9 @@ def input_hashes(station: Station) -> dict[str, str]:
             if len(text) < 250 and "\n" not in text and path.is_file():
                 hashes[Path(text).as_posix()] = sha256_of(path)
     urdf = Path(station.robot.urdf)
-    for path in (urdf, urdf.with_name("robot.yaml")):
+    shapes = (item.shape.mesh for item in station.robot.link_shapes())
+    meshes = (path for path in shapes if path is not None)
+    for path in (urdf, urdf.with_name("robot.yaml"), *meshes):
         if path.is_file():
             hashes[f"robot/{path.name}"] = sha256_of(path)
     return dict(sorted(hashes.items()))
@@ -91,7 +94,6 @@ _PACKAGES = (
     "ompl",
     "pin",
     "python-fcl",
-    "scikit-learn",
     "scipy",
     "toppra",
     "trimesh",
@@ -123,6 +125,7 @@ class RunResult(TypedDict):
     motions: list[dict[str, Any]]
     tables: dict[str, Any] | None
     polish: dict[str, Any] | None
+    second_look: dict[str, Any] | None
     files: dict[str, str]
 
 
@@ -162,6 +165,7 @@ def result_of_motions(
         "motions": [motion_entry(item, cost) for item in motions],
         "tables": None,
         "polish": None,
+        "second_look": None,
         "files": dict(sorted(files.items())),
     }
 
@@ -202,11 +206,13 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
                 "q_rad": weld.q_rad.tolist(),
                 "cost": weld.cost,
                 "time_s": weld.time_s,
+                "contact_depth_m": weld.contact_depth_m,
             }
             for weld in cycle.welds
         ],
         "tables": tables_entry(cycle.tables),
         "polish": None if cycle.polish is None else cycle.polish.to_dict(),
+        "second_look": None if cycle.second_look is None else asdict(cycle.second_look),
     }
 
 
@@ -247,6 +253,7 @@ def robot_entry(robot: Robot) -> dict[str, Any]:
             "tip_quaternion_xyzw": tool.tip_quaternion_xyzw.tolist(),
         },
         "provenance": dict(sorted(robot.provenance.items())),
+        "warnings": [doubt.to_dict() for doubt in robot.description.warnings],
     }
 
 
@@ -293,4 +300,10 @@ def tables_entry(tables: Tables) -> dict[str, Any]:
         "time_based_totals": list(tables.time_based_totals),
         "energy_based": tables.energy_based.to_dict(),
         "saving_percent": tables.saving_percent,
+        "least_time": None if tables.least_time is None else tables.least_time.to_dict(),
+        "saving_against_least_time_percent": tables.saving_against_least_time_percent,
+        "travel_s": {
+            name: value if math.isfinite(value) else None
+            for name, value in zip(("old", "least_time", "new"), tables.travel_s, strict=True)
+        },
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +11,7 @@ Result = Mapping[str, Any]
 
 def tables_markdown(result: Result) -> str:
     """The text of tables.md, from the object of result.json alone."""
-    parts = [f"# {result['name']}: tables", headline(result)]
+    parts = [f"# {named(result['name'])}: tables", headline(result)]
     if result["tables"] is not None:
         parts += [
             "## Table 1: alternatives and range of the weld costs",
@@ -28,6 +29,12 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     rule = ["---"] + ["---:"] * (len(header) - 1)
     clean = [[" ".join(cell.replace("|", "¦").split()) for cell in row] for row in [header, *rows]]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in [clean[0], rule, *clean[1:]])
+
+
+def named(text: Any) -> str:
+    """A name from an input as plain text: on one line, no markup, no HTML, no cell of its own."""
+    line = " ".join(str(text).replace("|", "¦").split())
+    return re.sub(r"([\\`*\[\]<>&!~])", r"\\\1", line)
 
 
 def number(value: float | None, digits: int = 1) -> str:
@@ -52,6 +59,14 @@ def headline(result: Result) -> str:
         f"({search['edges_training']} to fit the estimate, {search['edges_held_out']} held out to "
         f"judge it), {search['edges_failed']} without a motion.\n\n{gaps(search)}"
     )
+    deep = [(w.get("contact_depth_m", 0.0), named(w["stud"])) for w in result["welds"]]
+    if deep and max(deep)[0] > 5e-6:
+        depth, stud = max(deep)
+        text += (
+            f"\n\nAt the weld poses the collision shapes of tool and part overlap by up to "
+            f"{1e3 * depth:.2f} mm ({stud}); {sum(d > 5e-6 for d, _ in deep)} of {len(deep)} "
+            "poses overlap."
+        )
     polish = result.get("polish")
     if polish is not None:
         text += (
@@ -59,9 +74,17 @@ def headline(result: Result) -> str:
             f"{number(polish['cost_before'])} → {number(polish['cost_after'])}, "
             f"{number(polish['saving_percent'], 2)} % more. The gaps speak of the cycle before."
         )
+    look = result.get("second_look")
+    if look is not None:
+        text += (
+            f"\n\nSecond look: {look['engine']} finds {look['contacts']} contacts in "
+            f"{look['motions']} motions at {look['configurations']} configurations, with the "
+            "convex pieces and with the original meshes."
+        )
+        text += "".join(f" Refused on the way: {named(entry)}." for entry in look["refused"])
     text += shortfalls(result)
     for entry in result["unreachable"]:
-        text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
+        text += f"\n\nNot in the cycle: stud {named(entry['stud'])} ({named(entry['reason'])})."
     return text
 
 
@@ -105,7 +128,7 @@ def table_1(result: Result) -> str:
     """Per stud: how many alternatives and what the weld costs in the best and worst of them."""
     rows = [
         [
-            row["stud"],
+            named(row["stud"]),
             str(row["alternatives"]),
             f"[{number(row['lowest_cost'], 2)}, {number(row['highest_cost'], 2)}]",
         ]
@@ -124,10 +147,9 @@ def table_2(result: Result) -> str:
         ["new sequence (optimal control)", *(number(new[key]) for key in parts)],
         ["saving %", *(number(x) for x in savings)],
     ]
-    totals = tables["time_based_totals"]
-    spread = ""
+    totals, spread = tables["time_based_totals"], _against_least_time(tables)
     if len(totals) > 1:
-        spread = (
+        spread += (
             f" Sequences of least time tie: of {len(totals)} such sequences the totals range from "
             f"{number(min(totals))} to {number(max(totals))}; the table shows the median "
             "one (of an even number the cheaper of the middle two)."
@@ -135,6 +157,24 @@ def table_2(result: Result) -> str:
     return (
         markdown_table(["", *parts], rows)
         + f"\n\nThe saving depends on the station and on the old sequence.{spread}"
+    )
+
+
+def _against_least_time(tables: Result) -> str:
+    """What acceleration limits make of the comparison; older runs do not have it."""
+    least, seconds = tables.get("least_time"), tables.get("travel_s")
+    if not least or not seconds:
+        return ""
+    times = ", ".join(
+        f"{name} {number(seconds[key], 2)} s"
+        for name, key in (("old", "old"), ("least-time", "least_time"), ("new", "new"))
+        if seconds[key] is not None
+    )
+    return (
+        " Its travel time, max |Δq| / v, ignores acceleration. A sequence of least time under "
+        f"speed and acceleration limits costs {number(least['total'])}: against it the saving is "
+        f"{number(tables['saving_against_least_time_percent'])} %. Travel times of the final "
+        f"motions: {times}."
     )
 
 
@@ -150,7 +190,7 @@ def table_shares(result: Result) -> str:
         state += ", certified" if item["certified"] else ""
         rows.append(
             [
-                f"{item['key']} {item['from']} → {item['to']}",
+                f"{item['key']} {named(item['from'])} → {named(item['to'])}",
                 state,
                 _clearances(item),
                 number(item["duration_s"], 2),
@@ -205,15 +245,23 @@ def provenance_text(result: Result) -> str:
     tags = result["robot"]["provenance"]
     assumed = sorted(key for key, tag in tags.items() if tag == "assumed")
     known = sorted(key for key, tag in tags.items() if tag != "assumed")
-    lines = [f"Robot {result['robot']['name']}."]
+    # Runs of older versions name no warnings.
+    doubts = [
+        f"- warning {doubt['code']}, {named(doubt['field'])}: {named(doubt['value'])}; "
+        f"{named(doubt['fix'])}"
+        for doubt in result["robot"].get("warnings", ())
+    ]
+    lines = [f"Robot {named(result['robot']['name'])}."]
     if assumed:
         lines.append(
-            "**Assumed, not measured**: " + ", ".join(assumed) + ". Costs in this file are as good "
+            "**Assumed, not measured**: "
+            + ", ".join(map(named, assumed))
+            + ". Costs in this file are as good "
             "as these values."
         )
     if not tags:
         lines.append("The robot file tags none of its values: treat all of them as assumed.")
-    lines += [f"- {key}: {tags[key]}" for key in known]
+    lines += [f"- {named(key)}: {named(tags[key])}" for key in known] + doubts
     return "\n".join(
         [
             " ".join(lines[: 2 if assumed or not tags else 1]),

@@ -214,19 +214,16 @@ def price_change(
     model = open_model(change.name, station, nodes, world, bench)
     if change.group == "weights":
         model = with_nominal_motions(model, nominal)
-    try:
-        row = _row(
-            change,
-            nominal,
-            model,
-            _carried(nominal, model, table, same),
-            note,
-            tuple(_mapped(cycle, same) for cycle in (old, new)),
-            new,
-            limit,
-        )
-    finally:
-        model.edges.close()
+    row = _row(
+        change,
+        nominal,
+        model,
+        _carried(nominal, model, table, same),
+        note,
+        tuple(_mapped(cycle, same) for cycle in (old, new)),
+        new,
+        limit,
+    )
     if row is not None:
         keep_row(rows_file(bench.store), key, row)
     return row

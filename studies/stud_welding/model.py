@@ -58,8 +58,6 @@ class Edges(Protocol):
 
     def motions(self, pairs: np.ndarray) -> list[Motion]: ...
 
-    def close(self) -> None: ...
-
 
 @dataclass(frozen=True, eq=False)
 class Model:

@@ -149,7 +149,8 @@ def test_electrical_cost_saves_joules() -> None:
     robot = load_robot("ur10e_class")
     problem = random_problems(robot, 1, seed=5)[0]
     plain = solve(problem).require()
-    electrical = problem.replace(cost=ElectricalCost(), duration_s=plain.duration_s)
+    midpoints = ElectricalCost(transcription="paper")
+    electrical = problem.replace(cost=midpoints, duration_s=plain.duration_s)
     motion = solve(electrical)
     assert motion.status.ok
     drive = drive_from_mapping(robot.drive, 6)

@@ -99,7 +99,20 @@ GOOD = (
         ("2 3 4 -1", "2 3 -1", "gtsp-node-without-cluster", None),
         ("2 3 4 -1\n", "", "gtsp-set", None),
         ("2 3 4 -1", "2 3 4", "gtsp-set", None),
-        ("GTSP_SET_SECTION", "OTHER_SECTION", "gtsp-section-missing", None),
+        ("GTSP_SET_SECTION\n1 1 2 -1\n2 3 4 -1\n", "", "gtsp-section-missing", None),
+        ("GTSP_SET_SECTION", "OTHER_SECTION", "gtsp-not-understood", 7),
+        ("EOF", "FIXED_EDGES_SECTION\n1 3\n-1\nEOF", "gtsp-not-understood", 10),
+        ("EOF", "START_GROUP_SECTION\n2\nEOF", "gtsp-not-understood", 10),
+        ("EOF", "DEPOT_SECTION: 1 -1\nEOF", "gtsp-not-understood", 10),
+        ("EOF", "GTSP_SET_ORDERING\n1 2 -1\nEOF", "gtsp-not-understood", 10),
+        ("EOF", "CAPACITY:5\nEOF", "gtsp-not-understood", 10),
+        ("EOF", "DIMENSION: 4\nEOF", "gtsp-twice", 10),
+        ("EOF", "GTSP_SET_SECTION\n1 1 2 -1\nEOF", "gtsp-twice", 10),
+        ("EOF", "TYPE: SOP\nEOF", "gtsp-type", 10),
+        ("EOF", "PATH: perhaps\nEOF", "gtsp-path", 10),
+        ("EOF", "PRECEDENCE_SECTION\n1 1.5\n-1\nEOF", "gtsp-not-integer", None),
+        ("1 2 3 4 5 6", "1 2 -1 4 5 6", "gtsp-minus-one", 6),
+        ("EXPLICIT", "EUC_2D", "gtsp-metric", None),
     ],
 )
 def test_faults_name_file_and_line(tmp_path, old, new, code, line):
@@ -111,6 +124,15 @@ def test_faults_name_file_and_line(tmp_path, old, new, code, line):
     assert fault.code == code
     assert fault.file == str(path)
     assert line is None or fault.line == line
+
+
+def test_a_colon_without_blank_and_a_cost_of_minus_one_are_read(tmp_path):
+    text = GOOD.replace("1 2 3 4 5 6", "1 2 -1.0 4 5 6").replace("EOF", "HOME:3\nEOF")
+    problem = read_gtsplib(write(tmp_path, text))
+    assert problem.home == 2
+    assert problem.cost[0, 3] == -1
+    write_gtsplib(problem, tmp_path / "again.gtsp")
+    assert np.array_equal(read_gtsplib(tmp_path / "again.gtsp").cost, problem.cost)
 
 
 def test_missing_and_binary_files(tmp_path):

@@ -13,7 +13,7 @@ from dmoc.robot.robot import load_robot
 from planning.geometry.shapes import Body, Shape
 from sequencing.timing.cell.read import Cell, CellRobot
 from sequencing.timing.clearance.arms import arm_shapes, coal_solid, joint_frames
-from sequencing.timing.clearance.block_kernels import segment_distance
+from sequencing.timing.clearance.segments import segment_distance
 from sequencing.timing.clearance.swept import swept_path
 from sequencing.timing.clearance.verify import check_schedule
 from sequencing.timing.power.dc_link import LinkParams
@@ -175,7 +175,7 @@ def test_walk_and_final_check_agree_on_whole_schedules() -> None:
         contacts = check_schedule(cell, start, np.ones(6), most=20)
         if not meeting:
             assert not contacts
-        if any(c.collides for c in contacts):
+        if any(c.distance_m <= 0.0 for c in contacts):
             assert meeting
         agreed[not meeting] += 1
     assert min(agreed.values()) > 0
@@ -194,7 +194,7 @@ def test_final_check_sees_a_collision_between_two_samples() -> None:
     ends = np.array([0.0, left.trajectories[0].duration_s])
     assert dense_free(cell, np.zeros(2), np.ones(2), float(ends[1]), samples=2)
     contacts = check_schedule(cell, np.zeros(2), np.ones(2))
-    assert any(c.collides for c in contacts)
+    assert any(c.distance_m <= 0.0 for c in contacts)
 
 
 def test_unknown_shapes_are_refused() -> None:

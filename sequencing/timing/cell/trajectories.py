@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import csv
 import itertools
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
+from dmoc.arrays import arrays_of
 from dmoc.curves.trapezoid import trapezoid_motion
 from dmoc.errors import DmocError, Fault, InputError
-from dmoc.input_file import Refuse
+from dmoc.input_file import Refuse, content_of
 from dmoc.motion.trajectory import JointTrajectory, inverse_dynamics
 from dmoc.robot.robot import Robot
 from sequencing.timing.cell.schema import LoadEntry
@@ -93,15 +92,13 @@ def read_trajectories(folder: Path, robot: Robot, payload_kg: float = 0.0) -> Fo
     elif table.is_file():
         found = _from_waypoints(table, robot, payload_kg)
     else:
-        raise InputError(
-            Fault(
-                "motions-missing",
-                str(folder),
-                "trajectories",
-                "neither file",
-                "a folder with motions.npz or waypoints.csv",
-                "check the path",
-            )
+        raise InputError.of(
+            "motions-missing",
+            str(folder),
+            "trajectories",
+            "neither file",
+            "a folder with motions.npz or waypoints.csv",
+            "check the path",
         )
     _require_joined(folder, found)
     return found
@@ -114,18 +111,15 @@ def _loads(robot: Robot, payloads: list[float]) -> tuple[Robot, ...]:
 
 def _from_archive(path: Path, robot: Robot, payload_kg: float) -> FolderMotions:
     try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: np.array(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, AttributeError, BadZipFile, zlib.error) as error:
-        raise InputError(
-            Fault(
-                "motions-damaged",
-                str(path),
-                "motions.npz",
-                str(error)[:100],
-                "a NumPy archive of numbers",
-                "write it again with numpy.savez",
-            )
+        arrays = arrays_of(content_of(path))
+    except (OSError, ValueError) as error:
+        raise InputError.of(
+            "motions-damaged",
+            str(path),
+            "motions.npz",
+            str(error)[:100],
+            "a NumPy archive of numbers",
+            "write it again with numpy.savez",
         ) from error
     names = sorted({key.split("/")[0] for key in arrays})
     loaded = robot.with_payload(payload_kg)
@@ -249,95 +243,83 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
             header = list(reader.fieldnames or [])
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            Fault(
-                "csv-damaged",
-                str(path),
-                "waypoints.csv",
-                str(error)[:100],
-                "a table of UTF-8 text with commas",
-                "save it as CSV, UTF-8",
-            )
+        raise InputError.of(
+            "csv-damaged",
+            str(path),
+            "waypoints.csv",
+            str(error)[:100],
+            "a table of UTF-8 text with commas",
+            "save it as CSV, UTF-8",
         ) from error
     wrong = [name for name in columns if header.count(name) != 1]
     if wrong:
-        raise InputError(
-            Fault(
-                "csv-columns",
-                str(path),
-                ", ".join(wrong),
-                "missing" if not set(wrong) & set(header) else "missing or twice",
-                ", ".join(columns),
-                "give each column once, separated by commas",
-                1,
-            )
+        raise InputError.of(
+            "csv-columns",
+            str(path),
+            ", ".join(wrong),
+            "missing" if not set(wrong) & set(header) else "missing or twice",
+            ", ".join(columns),
+            "give each column once, separated by commas",
+            1,
         )
     points: list[np.ndarray] = []
     payloads: list[float] = []
     labels: list[str] = []
     faults: list[Fault] = []
+
+    def refuse(
+        field: str, code: str, value: str, legal: str, fix: str, line: int | None = None
+    ) -> None:
+        faults.append(Fault(code, str(path), field, value, legal, fix, line))
+
     for line, row in enumerate(rows, start=2):
         q = np.array([_number(row.get(name), -np.inf, np.inf) for name in columns[1:]])
         given = row.get("payload_kg")
         payload = _number(given, 0.0, 5000.0) if given else payload_kg
         if None in row:
-            faults.append(
-                Fault(
-                    "csv-value",
-                    str(path),
-                    "row",
-                    f"{len(row[None])} cells too many",
-                    f"{len(header)} cells",
-                    "take the extra commas out",
-                    line,
-                )
+            refuse(
+                "row",
+                "csv-value",
+                f"{len(row[None])} cells too many",
+                f"{len(header)} cells",
+                "take the extra commas out",
+                line,
             )
         for name, value in zip((*columns[1:], "payload_kg"), (*q, payload)):
             if not np.isfinite(value):
                 legal = "0 .. 5000 kg" if name == "payload_kg" else "a finite number of radians"
                 shown = "nothing" if not row.get(name) else repr(row[name])[:60]
-                faults.append(
-                    Fault("csv-value", str(path), name, shown, legal, "write a number", line)
-                )
+                refuse(name, "csv-value", shown, legal, "write a number", line)
         out = (q < robot.q_lower_rad - 1e-9) | (q > robot.q_upper_rad + 1e-9)
         for j in np.flatnonzero(out):
             legal = f"{robot.q_lower_rad[j]:.4f} .. {robot.q_upper_rad[j]:.4f} rad"
-            faults.append(
-                Fault(
-                    "joint-limit",
-                    str(path),
-                    columns[1 + j],
-                    f"{q[j]:.4f}",
-                    legal,
-                    "move the waypoint; angles are in radians",
-                    line,
-                )
+            refuse(
+                columns[1 + j],
+                "joint-limit",
+                f"{q[j]:.4f}",
+                legal,
+                "move the waypoint; angles are in radians",
+                line,
             )
         if points and np.abs(q - points[-1]).max() <= 1e-12:
-            faults.append(
-                Fault(
-                    "no-motion",
-                    str(path),
-                    "q1_rad ..",
-                    "the joint vector of the row before",
-                    "a different one",
-                    "leave this row out",
-                    line,
-                )
+            refuse(
+                "q1_rad ..",
+                "no-motion",
+                "the joint vector of the row before",
+                "a different one",
+                "leave this row out",
+                line,
             )
         points.append(q)
         payloads.append(payload)
         labels.append(row["label"] or "")
     if len(rows) < 2:
-        faults.append(
-            Fault(
-                "csv-rows",
-                str(path),
-                "waypoints.csv",
-                f"{len(rows)} rows",
-                "at least two",
-                "give the joint vectors that the robot visits",
-            )
+        refuse(
+            "waypoints.csv",
+            "csv-rows",
+            f"{len(rows)} rows",
+            "at least two",
+            "give the joint vectors that the robot visits",
         )
     if faults:
         raise InputError(faults)
@@ -362,26 +344,22 @@ def _require_joined(folder: Path, found: FolderMotions) -> None:
     for k, (a, b) in enumerate(zip(found.trajectories, found.trajectories[1:])):
         gap = float(np.abs(a.q_rad[-1] - b.q_rad[0]).max())
         if gap > 1e-3:
-            raise InputError(
-                Fault(
-                    "motions-gap",
-                    str(folder),
-                    f"trajectory {k + 1}",
-                    f"{gap:.4f} rad apart",
-                    "<= 0.001 rad",
-                    "begin each trajectory where the last one ended",
-                )
+            raise InputError.of(
+                "motions-gap",
+                str(folder),
+                f"trajectory {k + 1}",
+                f"{gap:.4f} rad apart",
+                "<= 0.001 rad",
+                "begin each trajectory where the last one ended",
             )
     for k, trajectory in enumerate(found.trajectories):
         speed = float(np.abs(trajectory.velocity_rad_s[[0, -1]]).max())
         if speed > 1e-3:
-            raise InputError(
-                Fault(
-                    "motions-moving",
-                    str(folder),
-                    f"trajectory {k}",
-                    f"{speed:.4f} rad/s",
-                    "at rest at both ends",
-                    "an override needs motions from rest to rest",
-                )
+            raise InputError.of(
+                "motions-moving",
+                str(folder),
+                f"trajectory {k}",
+                f"{speed:.4f} rad/s",
+                "at rest at both ends",
+                "an override needs motions from rest to rest",
             )

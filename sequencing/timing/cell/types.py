@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.order_graph import circle_of, in_order
 from dmoc.robot.robot import Robot
@@ -97,14 +97,12 @@ def waiting_order(preds: list[list[int]], names: Sequence[str] = ()) -> list[int
     pairs = [(p, k) for k, row in enumerate(preds) for p in row]
     circle = circle_of(pairs)
     if circle:
-        raise ProblemError(
-            Fault(
-                "handover-circle",
-                "",
-                "handovers",
-                " -> ".join(names[k] if names else str(k) for k in circle),
-                "no circle of waiting",
-                "remove one hand-over of the circle",
-            )
+        raise ProblemError.of(
+            "handover-circle",
+            "",
+            "handovers",
+            " -> ".join(names[k] if names else str(k) for k in circle),
+            "no circle of waiting",
+            "remove one hand-over of the circle",
         )
     return in_order(range(len(preds)), pairs)

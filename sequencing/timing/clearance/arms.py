@@ -13,7 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.robot.robot import Robot
 from planning.collision.pieces import Mounted, Piece, piece_of
 from planning.collision.robot_bodies import link_bodies, tool_mounts
@@ -39,30 +39,21 @@ class ArmShapes:
 
 
 def arm_shapes(
-    robot: Robot, tool_bodies: Sequence[Body] = (), skip: Sequence[str] = ()
+    robot: Robot,
+    tool_bodies: Sequence[Body] = (),
+    skip: Sequence[str] = (),
+    first_joint: int = 0,
 ) -> ArmShapes:
-    """Collision solids of `robot` at its base, `tool_bodies` on its flange, without `skip`."""
+    """Collision solids of `robot` at its base, `tool_bodies` on its flange, without `skip` and
+    without those that joints before `first_joint` carry."""
     mounts = (*link_bodies(robot), *tool_mounts(robot, tuple(tool_bodies)))
-    return _collect([mount for mount in mounts if mount.body.name not in skip])
+    kept = (mount for mount in mounts if mount.joint >= first_joint)
+    return _collect([mount for mount in kept if mount.body.name not in skip])
 
 
 def body_shapes(bodies: Sequence[Body]) -> ArmShapes:
     """Obstacles as solids that never move (joint 0)."""
     return _collect([Mounted(body, 0, body.pose) for body in bodies])
-
-
-def moving_shapes(shapes: ArmShapes) -> ArmShapes:
-    """The solids of an arm that some joint carries."""
-    kept = np.flatnonzero(shapes.joint > 0)
-    return ArmShapes(
-        shapes.joint[kept],
-        shapes.ends_m[kept],
-        shapes.radius_m[kept],
-        shapes.pose[kept],
-        tuple(shapes.solids[k] for k in kept),
-        tuple(shapes.names[k] for k in kept),
-        tuple(shapes.pieces[k] for k in kept),
-    )
 
 
 def _collect(mounts: Sequence[Mounted]) -> ArmShapes:
@@ -147,10 +138,8 @@ def coal_solid(shape: Shape) -> coal.CollisionGeometry:
             model.addTriangle(*points[triangle])
         model.endModel()
         return model
-    raise ProblemError(
-        Fault(
-            "shape-kind", "", "shape.kind", str(shape.kind), "box, cylinder, sphere, convex, mesh"
-        )
+    raise ProblemError.of(
+        "shape-kind", "", "shape.kind", str(shape.kind), "box, cylinder, sphere, convex, mesh"
     )
 
 
@@ -187,6 +176,6 @@ def joint_axis(robot: Robot, j: int) -> tuple[bool, np.ndarray]:
         return name[0] == "R", np.eye(3)["XYZ".index(name[1])]
     if name in ("RevoluteUnaligned", "PrismaticUnaligned"):
         return name[0] == "R", np.asarray(robot.model.joints[j].extract().axis, dtype=float)
-    raise ProblemError(
-        Fault("joint-kind", "", str(robot.model.names[j]), name, "revolute or prismatic, one axis")
+    raise ProblemError.of(
+        "joint-kind", "", str(robot.model.names[j]), name, "revolute or prismatic, one axis"
     )

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.jit import njit
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.robot.drive import REST_RAD_S, DriveParams, drive_from_mapping, electrical_power_w
@@ -131,15 +131,13 @@ def path_power(
     """
     n = robot.num_joints
     if trajectory.q_rad.shape[1] != n:
-        raise ProblemError(
-            Fault(
-                "joint-count",
-                "",
-                "trajectory.q_rad",
-                str(trajectory.q_rad.shape[1]),
-                f"{n} joints, as {robot.name} has",
-                "give each robot its own trajectories",
-            )
+        raise ProblemError.of(
+            "joint-count",
+            "",
+            "trajectory.q_rad",
+            str(trajectory.q_rad.shape[1]),
+            f"{n} joints, as {robot.name} has",
+            "give each robot its own trajectories",
         )
     duration = trajectory.duration_s
     cells = max(8, int(np.ceil(duration / cell_s)))
