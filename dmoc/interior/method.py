@@ -179,6 +179,7 @@ class _Run:
                 and self.worst <= ACCEPTABLE_VIOLATION
                 and product <= ACCEPTABLE_PRODUCT
             )
+            # Several in a row: a point may pass by chance on the way to a better one.
             acceptable = acceptable + 1 if good else 0
             if acceptable >= self.limits.acceptable_iterations > 0:
                 return self._outcome("acceptable", iteration)
@@ -207,12 +208,15 @@ class _Run:
         def error_at(mu: float) -> float:
             return self._measured(mu)[0]
 
+        # The affine step is made only when the rule asks for its mean: one back-solve, for the
+        # factor is there already.
         if self.rule.choose(self.objective, self.theta, mean_product, error_at, mean_after):
             self.filter.clear()
         if self._search(error):
             return True
         if not self.rule.free:
             return False
+        # A probed μ can be too ambitious for any step to pass: once more with a central one.
         self.rule.fix(mean_product)
         self.filter.clear()
         return self._search(error)
@@ -220,6 +224,7 @@ class _Run:
     def _search(self, error: float) -> bool:
         """Backtrack along the step for the present μ; False if nothing is accepted."""
         mu = self.rule.mu
+        # Fraction to the boundary: close to 1 near a solution, or convergence would stay linear.
         tau = max(_LEAST_TAU, 1.0 - (error if self.rule.free else mu))
         step = self._step(mu, self.defect)
         rate = float(self.grad @ step.w[: self.size] + mu * (self.inwards @ step.w))
@@ -232,6 +237,7 @@ class _Run:
             if self.filter.accepts(start, trial.merit, alpha):
                 self._accept(start, trial, step, alpha, tau, mu)
                 return True
+            # A full step that only bends out of the rows (Maratos): correct before shortening.
             worse = first and trial.merit.theta >= start.theta
             if worse and self._corrected(start, trial, alpha, tau, mu):
                 return True
@@ -271,6 +277,7 @@ class _Run:
         self.z_lo += dual * step.z_lo
         self.z_up += dual * step.z_up
         self._move_to(trial)
+        # z·slack within a factor of μ, or the diagonal z/slack says nothing of the curvature.
         kernels.keep_near(self.w, self.lo, self.up, mu, self.z_lo, self.z_up)
 
     def _move_to(self, trial: _Trial) -> None:

@@ -71,9 +71,10 @@ class Robot:
     placement in the first joint); treat it as read-only. `description` is what was read from the
     URDF: links, shapes, doubts. All vectors are (n,): position limits
     [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
-    [kg·m²]. `flange` is the frame that carries the tool. `drive` is the mapping of robot.yaml's
-    `drive` section (read by `robot.drive`); `provenance` tags every value as measured, published or
-    assumed. `allowed_collisions` are the pairs of links that may touch (neighbours in the chain).
+    [kg·m²]; jerk limits [rad/s³], None for none. `flange` is the frame that carries the tool.
+    `drive` is the mapping of robot.yaml's `drive` section (read by `robot.drive`); `provenance`
+    tags every value as measured, published or assumed. `allowed_collisions` are the pairs of links
+    that may touch (neighbours in the chain).
     `fingerprint` changes with anything that changes a motion; robots of equal fingerprint are
     equal. Pickles carry the model itself, so a worker process needs no file for dynamics.
     """
@@ -97,6 +98,7 @@ class Robot:
     allowed_collisions: tuple[tuple[str, str], ...]
     fingerprint: str
     mass_scale: float = 1.0
+    jerk_limit_rad_s3: Array | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Robot) and self.fingerprint == other.fingerprint
@@ -261,6 +263,9 @@ def load_robot(
             (str(first), str(second)) for first, second in settings.get("allowed_collisions", ())
         ),
         fingerprint="",
+        jerk_limit_rad_s3=vector("jerk_limit_rad_s3", np.zeros(n))
+        if "jerk_limit_rad_s3" in settings
+        else None,
     )
     return _assemble(robot)
 
@@ -333,5 +338,7 @@ def _fingerprint(robot: Robot) -> str:
     digest.update(np.ascontiguousarray(flange.placement.homogeneous).tobytes())
     if flange.parentJoint != model.njoints - 1:  # where it nearly always is
         digest.update(f"flange on joint {flange.parentJoint}".encode())
+    if robot.jerk_limit_rad_s3 is not None:
+        digest.update(np.ascontiguousarray(robot.jerk_limit_rad_s3).tobytes())
     digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
     return digest.hexdigest()

@@ -20,6 +20,7 @@ _VECTORS = {
     "armature_kg_m2": 0.0,
     "torque_limit_nm": 1e-9,
     "acceleration_limit_rad_s2": 1e-9,
+    "jerk_limit_rad_s3": 1e-9,
     "velocity_limit_rad_s": 1e-9,
     "q_lower_rad": -50.0,
     "q_upper_rad": -50.0,
