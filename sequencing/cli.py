@@ -155,11 +155,14 @@ def init(
     package_path: Annotated[
         list[Path] | None, typer.Option(help="Folder with the robot's ROS packages (repeatable).")
     ] = None,
+    total_mass: Annotated[
+        float | None, typer.Option(help="Arm's mass in kg: estimate masses, torques, rotors.")
+    ] = None,
 ) -> CommandResult:
     """Write a commented station.yaml from a robot, a part and studs."""
     from sequencing.commands.check import run_init
 
-    return run_init(console, urdf, part, studs, out, unit, package_path or [])
+    return run_init(console, urdf, part, studs, out, unit, package_path or [], total_mass)
 
 
 @command

@@ -194,10 +194,15 @@ def available_robots() -> tuple[str, ...]:
     return tuple(sorted(p.parent.name for p in _robot_root().glob("*/robot.yaml")))
 
 
-def load_robot(name_or_path: str | Path, package_path: Sequence[str | Path] = ()) -> Robot:
+def load_robot(
+    name_or_path: str | Path,
+    package_path: Sequence[str | Path] = (),
+    settings: Mapping[str, Any] = MappingProxyType({}),
+) -> Robot:
     """A robot of the package by name, or from a URDF or xacro file with `robot.yaml` beside it.
 
-    `package_path` are folders where packages are looked for besides the usual places.
+    `package_path` are folders where packages are looked for besides the usual places; `settings`
+    are entries that robot.yaml does not give.
     Errors: `RobotError` with every fault found (file, line, field, value, legal range, fix).
     """
     text = str(name_or_path)
@@ -220,7 +225,7 @@ def load_robot(name_or_path: str | Path, package_path: Sequence[str | Path] = ()
                 )
             )
     tree = read_settings(urdf)
-    settings = tree.data
+    tree.data = settings = {**settings, **tree.data}
     description = read_urdf(urdf, settings, package_path)
     model = description.build_model()
     faults = settings_faults(urdf, tree, model, description)

@@ -35,6 +35,7 @@ _KNOWN = {
     "schema_version",
     "allowed_collisions",
     "locked",
+    "inertials",
     "use_visual_shapes",
 }
 _TAGS = "measured | published: SOURCE | assumed"

@@ -35,13 +35,17 @@ _FLANGES = ("tool0", "flange", "tool_flange", "ee_link")
 
 
 def read_urdf(
-    path: Path, settings: Mapping[str, Any], package_path: Sequence[str | Path] = ()
+    path: Path,
+    settings: Mapping[str, Any],
+    package_path: Sequence[str | Path] = (),
+    massless: bool = False,
 ) -> Description:
     """The robot at `path` (URDF, or xacro by the ending .xacro) as numbers.
 
     `settings` is robot.yaml as read: `flange`, `locked`, `use_visual_shapes`, and which limits it
-    gives. Errors: `RobotError` with all faults: XML, names, words, tree (one root), numbers,
-    units, limits, axes, masses and inertias, shapes, mesh files and their places.
+    gives; its `inertials` count instead of the file's. With `massless` no link needs a mass.
+    Errors: `RobotError` with all faults: XML, names, words, tree (one root), numbers, units,
+    limits, axes, masses and inertias, shapes, mesh files and their places.
     """
     packages = Packages(path, package_path)
     text = expanded(path, packages) if path.suffix.lower() == ".xacro" else None
@@ -64,6 +68,7 @@ def read_urdf(
         own = use is True or (isinstance(use, list) and name in use)
         bodies[name], doubts = read_link(link, f"link {name}", packages, colours, faults, own)
         pictures += doubts
+    _give_inertials(bodies, settings.get("inertials"), root, faults)
     tree = _check_tree(root, links, joints, faults)
     chain: list[str] = []
     if tree is not None:
@@ -78,9 +83,9 @@ def read_urdf(
             groups[tree.arm_joint(name, chain, joints)].append(name)
     light = [n for n in chain if sum(bodies[k].mass_kg for k in groups[n]) <= 0]
     light = [name for name in light if not faults.about(groups[name])]
-    if light:
+    if light and not massless:
         value, legal = f"{', '.join(light)} carry 0 kg", "> 0 kg on every moving joint"
-        fix = "add the <inertial> of their links"
+        fix = "add the <inertial> of their links, or estimate: dmoc init --total-mass KG"
         faults.add("mass-zero", joints[light[0]], value, legal, fix, f"joint {light[0]}")
     if not chain or faults.found:
         raise RobotError(one_a_cause(faults.found))
@@ -266,6 +271,35 @@ def _locked(
         fixed = Origin(tuple(pose.translation.tolist()), tuple(angles.tolist()))
         joined[name] = JointNumbers("fixed", joint.parent, joint.child, fixed)
     return joined, places
+
+
+def _give_inertials(
+    bodies: dict[str, LinkNumbers], given: Any, root: Element, faults: Faults
+) -> None:
+    """Masses of robot.yaml in place of the file's."""
+    for name, entry in given.items() if isinstance(given, dict) else ():
+        try:
+            mass, com, six = (entry[key] for key in ("mass_kg", "com_m", "inertia_kg_m2"))
+            values = np.array([mass, *com, *six], dtype=float)
+            xx, xy, xz, yy, yz, zz = values[4:]
+            moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            slack = 1e-4 * moments[2]
+            right = values[0] > 0 and moments[0] >= 0
+            right &= bool(moments[2] <= moments[0] + moments[1] + slack) and name in bodies
+        except (TypeError, KeyError, ValueError, np.linalg.LinAlgError):
+            right = False
+        if not right:
+            legal = "a link with mass_kg > 0, com_m (3) and a possible inertia_kg_m2 (6)"
+            fix = "mend it in robot.yaml"
+            faults.add("robot-value", root, str(entry), legal, fix, f"inertials.{name}")
+            continue
+        com_m = (float(values[1]), float(values[2]), float(values[3]))
+        bodies[name] = replace(
+            bodies[name],
+            mass_kg=float(values[0]),
+            inertial=Origin(com_m),
+            inertia_kg_m2=tuple(values[4:].tolist()),
+        )
 
 
 def _flange(

@@ -78,7 +78,7 @@ class SecondLook:
         allowed = [*robot.allowed_collisions, *station.allowed_collisions]
         self.pairs = checked_pairs(robot.model, links, tools, standing, allowed)
         self.touching = {mount.body.name for mount in tools if mount.body.touches}
-        frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+        frame = robot.model.frames[robot.flange_id]
         self._carrier = int(frame.parentJoint)
         self._tip = (frame.placement * robot.tool.tip).translation
         mounts = [*links, *tools, *standing]

@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -13,6 +14,7 @@ from dmoc.errors import DmocError, Fault, InputError
 from dmoc.robot.robot import Robot, available_robots, load_robot
 from planning.geometry.mesh import UNITS, load_mesh
 from planning.station.build import load_station
+from planning.station.estimate import estimated_settings, settings_text
 from planning.station.parts import check_link_meshes
 from planning.station.studs import read_studs
 
@@ -24,11 +26,13 @@ def init_station(
     out: str | Path,
     unit: str = "m",
     package_path: Sequence[str | Path] = (),
+    total_mass_kg: float | None = None,
 ) -> Path:
     """Write `out`/station.yaml with its inputs copied beside it, and return its path.
 
     `urdf` may be a xacro file, or the name of a robot of the package; its meshes are copied from
     where the packages lie (`package_path` and the usual places). `unit` is the part's mesh unit.
+    With `total_mass_kg` the dynamics are estimated (`station.estimate`) into its robot.yaml.
     Errors: `InputError`, `RobotError`, `MeshError` for inputs that cannot be used; nothing is
     written then. An existing station.yaml is never overwritten.
     """
@@ -49,8 +53,11 @@ def init_station(
             )
         )
     robot: Robot | None = None
+    estimate: dict[str, Any] = {}
     try:
-        robot = load_robot(urdf, package_path)
+        if total_mass_kg is not None:
+            estimate = estimated_settings(Path(urdf), total_mass_kg, package_path)
+        robot = load_robot(urdf, package_path, estimate)
         check_link_meshes(robot)
     except DmocError as error:
         faults += error.faults
@@ -68,7 +75,7 @@ def init_station(
     folder.mkdir(parents=True, exist_ok=True)
     _copy(part, folder / part.name)
     _copy(studs, folder / "studs.csv")
-    copied = robot.urdf if named else _copy_robot(robot, folder / "robot")
+    copied = robot.urdf if named else _copy_robot(robot, folder / "robot", estimate)
     text = _TEMPLATE.format(
         name="".join(c if c.isalnum() or c in "_.-" else "_" for c in folder.resolve().name),
         robot=f"model: {urdf}" if named else f"urdf: robot/{copied.name}",
@@ -92,7 +99,7 @@ def _copy(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def _copy_robot(robot: Robot, folder: Path) -> Path:
+def _copy_robot(robot: Robot, folder: Path, estimate: dict[str, Any]) -> Path:
     """The URDF (a xacro file expanded), its meshes and a robot.yaml that names the flange."""
     description = robot.description
     target = folder / f"{description.file.stem.removesuffix('.urdf')}.urdf"
@@ -116,6 +123,7 @@ def _copy_robot(robot: Robot, folder: Path) -> Path:
     given = beside.read_text(encoding="utf-8") if beside.is_file() else "schema_version: 1\n"
     if "flange" not in (yaml.safe_load(given) or {}):
         given += f"# The link that carries the tool.\nflange: {json.dumps(robot.flange)}\n"
+    given += settings_text(estimate) if estimate else ""
     settings.write_text(given, encoding="utf-8", newline="\n")
     return target
 

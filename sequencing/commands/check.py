@@ -47,10 +47,11 @@ def run_init(
     out: Path | None,
     unit: str,
     package_path: list[Path],
+    total_mass_kg: float | None,
 ) -> CommandResult:
     """Write station.yaml with its inputs copied beside it."""
     folder = Path("station") if out is None else out
-    path = init_station(urdf, part, studs, folder, unit, package_path)
+    path = init_station(urdf, part, studs, folder, unit, package_path, total_mass_kg)
     robot = load_station(path).robot
     doubts = robot.description.warnings
     for doubt in doubts:

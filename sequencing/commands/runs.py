@@ -78,6 +78,9 @@ def run_compare(
 
 
 def _robot(run: Run) -> Robot:
+    """The run's robot: of the package, or the one of the station that was planned."""
+    if run.robot is None and run.planned:
+        return station_of(run).robot
     if run.robot is None:
         raise InputError(
             Fault(
@@ -85,7 +88,7 @@ def _robot(run: Run) -> Robot:
                 file=str(run.folder),
                 field="robot",
                 value=run.robot_note,
-                legal="a robot of the package",
+                legal="a robot of the package, or a planned run with its station",
                 fix="plan again with this version",
             )
         )

@@ -10,6 +10,7 @@ from dmoc.robot.description import Description
 from dmoc.robot.robot import load_robot
 from planning.collision.robot_bodies import link_bodies
 from planning.geometry.mesh_file import write_binary_stl
+from planning.station.estimate import estimated_settings, settings_text
 from planning.station.parts import check_link_meshes
 from sequencing.report.geometry import robot_triangles
 
@@ -118,7 +119,7 @@ def test_links_that_nothing_can_hit_are_named(tmp_path):
     for use in ("true", "[l2]"):
         (tmp_path / "robot.yaml").write_text(f"use_visual_shapes: {use}")
         robot = load_robot(path)
-        assert not doubts(robot)
+        assert "link-bare" not in doubts(robot)
         assert {m.body.name for m in link_bodies(robot)} == {"l1", "l2", "l3"}
     (tmp_path / "robot.yaml").write_text("use_visual_shapes: [l9]")
     refused(path, "robot-value")
@@ -200,7 +201,7 @@ def test_continuous_joints_get_two_turns(tmp_path):
     assert np.allclose([robot.q_lower_rad[2], robot.q_upper_rad[2]], [-2 * np.pi, 2 * np.pi])
     assert "j3" in doubts(robot)["joint-continuous"].value
     path = write(tmp_path, free, without=("j3",), settings="q_lower_rad: -1\nq_upper_rad: 2")
-    assert not doubts(load_robot(path))
+    assert "joint-continuous" not in doubts(load_robot(path))
 
 
 def test_a_sliding_axis_in_the_arm_is_refused(tmp_path):
@@ -326,3 +327,29 @@ def test_only_what_the_parser_reads_as_we_do_is_loaded():
         )
         for a, b in zip(theirs.inertias[1:], ours.inertias[1:]):
             assert np.array_equal(a.toDynamicParameters(), b.toDynamicParameters())
+
+
+def test_dynamics_are_estimated_for_a_file_without_any(tmp_path):
+    bare = [part.replace(BODY, "").replace('effort="90"', 'effort="0"') for part in PARTS]
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm">{"".join(bare)}</robot>')
+    faults = refused(path, "limit-effort", "mass-zero")
+    assert "--total-mass" in faults[1].fix
+    entries = estimated_settings(path, 30.0)
+    (tmp_path / "robot.yaml").write_text(settings_text(entries))
+    robot = load_robot(path)
+    assert [body["mass_kg"] for body in entries["inertials"].values()] == pytest.approx([10] * 3)
+    box = 10 / 12 * np.array([0.1**2 + 0.2**2, 0.1**2 + 0.2**2, 2 * 0.1**2])
+    assert np.allclose(np.diag(robot.model.inertias[2].inertia), box, rtol=1e-4)
+    assert np.all(robot.torque_limit_nm[:2] > robot.gravity_torque_nm(np.full(3, 1.0))[:2])
+    assert np.all(robot.armature_kg_m2 > 0)
+    assert set(robot.provenance.values()) == {"assumed"}
+    refused_by = pytest.raises(RobotError, match="estimate-given")
+    with refused_by:
+        estimated_settings(path, 30.0)
+    (tmp_path / "robot.yaml").write_text(
+        settings_text(entries).replace("mass_kg: 10", "mass_kg: -1")
+    )
+    assert {fault.field for fault in refused(path, *["robot-value"] * 3, "mass-zero")} >= {
+        "inertials.l1"
+    }
