@@ -91,8 +91,7 @@ def solve(
 ) -> Motion:
     """The locally optimal motion of `problem` without obstacles.
 
-    Without a guess: the straight joint-space line, on ten intervals first where N ≥ 20 and no speed
-    is priced. If that
+    Without a guess: the straight joint-space line, on ten intervals first where N ≥ 20. If that
     fails or looks suspicious (many iterations), up to three detours drawn from `seed` are tried
     and the cheapest motion is kept. Deterministic.
 
@@ -164,8 +163,7 @@ def _through_grids(problem: MotionProblem, params: SolveParams, start: Guess) ->
     if isinstance(cost, ElectricalCost):
         return _through_friction(problem, cost, params, start)
     ends = problem.depart_rad is not None or problem.arrive_rad is not None
-    # With a price that sees the speeds at the knots ten iterations do from any start.
-    if problem.num_intervals < 2 * COARSE_INTERVALS or ends or cost.kappa > 0:
+    if problem.num_intervals < 2 * COARSE_INTERVALS or ends:
         return solve_nlp(problem, start, params=params)
     coarse = problem.replace(num_intervals=COARSE_INTERVALS)
     rough = replace(params, tolerance=max(COARSE_TOLERANCE, params.tolerance), limit_curve=False)
