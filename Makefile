@@ -10,7 +10,7 @@ CONSTRAINTS := constraints.txt
 BUILT := $(patsubst notebooks/%.py,notebooks/_built/%.ipynb,$(wildcard notebooks/*.py))
 NBMAKE := $(BIN)/python -m pytest --nbmake --nbmake-timeout=1800 -p no:xdist --durations=0
 
-.PHONY: demo test test-slow setup lint types contracts notebooks notebooks-check bench study docs clean lock
+.PHONY: demo fuzz test test-slow setup lint types contracts notebooks notebooks-check bench study docs clean lock
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -45,6 +45,9 @@ types: $(STAMP_TEST)
 
 contracts: $(STAMP_TEST)
 	$(BIN)/lint-imports
+
+fuzz: $(STAMP_TEST)
+	DMOC_FUZZ=5000 $(BIN)/python -m pytest -n 2 tests/fuzz
 
 test-slow: $(STAMP_TEST)
 	$(BIN)/python -m pytest -n 2 -m slow
