@@ -28,6 +28,16 @@ def travel_time(robot: Robot, start: Array, goal: Array) -> Array:
     return np.max(np.abs(goal - start) / robot.velocity_limit_rad_s, axis=-1)
 
 
+def least_time(robot: Robot, start: Array, goal: Array) -> Array:
+    """Least time (K,) [s] from rest to rest of rows start, goal (K, n) that speed and acceleration
+    limits leave, the slowest joint alone: Δ/v + v/a, and 2 √(Δ/a) where v is never reached."""
+    distance = np.abs(goal - start)
+    speed, rate = robot.velocity_limit_rad_s, robot.acceleration_limit_rad_s2
+    cruising = distance / speed + speed / rate
+    short = 2.0 * np.sqrt(distance / rate)
+    return np.max(np.where(distance < speed**2 / rate, short, cruising), axis=-1)
+
+
 def quintic_quadrature() -> tuple[Array, Array, Array, Array]:
     """Weights, s, s', s'' of the quintic rest-to-rest profile at 7 Gauss–Legendre points."""
     nodes, weights = np.polynomial.legendre.leggauss(7)

@@ -3,15 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from dmoc.errors import Fault, ProblemError
 from dmoc.order_graph import circle_of
 
-if TYPE_CHECKING:
-    from sequencing.gtsp.problem import GtspProblem
+
+class Problem(Protocol):
+    """What the checks read of a `GtspProblem`."""
+
+    @property
+    def cost(self) -> np.ndarray: ...
+    @property
+    def cluster_of(self) -> np.ndarray: ...
+    @property
+    def node_cost(self) -> np.ndarray: ...
+    @property
+    def home(self) -> int | None: ...
+    @property
+    def start(self) -> int | None: ...
+    @property
+    def end(self) -> int | None: ...
+    @property
+    def precedence(self) -> Any: ...
+    @property
+    def exit_of(self) -> np.ndarray: ...
+    @property
+    def path(self) -> bool: ...
+    @property
+    def num_nodes(self) -> int: ...
+    @property
+    def num_clusters(self) -> int: ...
+    def tour_cost(self, nodes: Sequence[int]) -> float: ...
 
 
 def frozen_array(value: Any, name: str, dtype: Any, ndim: int) -> np.ndarray:
@@ -79,7 +104,7 @@ def cluster_labels(clusters: Sequence[Sequence[int]], num_nodes: int) -> np.ndar
     return labels
 
 
-def check_problem(problem: GtspProblem) -> None:
+def check_problem(problem: Problem) -> None:
     """Raise `ProblemError` with all faults of a problem, or return."""
     faults = _shape_faults(problem)
     if not faults:
@@ -100,7 +125,7 @@ def closure(pairs: Sequence[tuple[int, int]], size: int) -> np.ndarray:
     return before
 
 
-def faults_of_tour(problem: GtspProblem, nodes: Sequence[int]) -> tuple[str, ...]:
+def faults_of_tour(problem: Problem, nodes: Sequence[int]) -> tuple[str, ...]:
     """Sentences saying why `nodes` is no admissible tour of `problem`."""
     index = [int(v) for v in nodes]
     if any(not 0 <= v < problem.num_nodes for v in index):
@@ -128,7 +153,7 @@ def _fault(code: str, field: str, value: str, legal: str, fix: str = "") -> Faul
     return Fault(code, field=field, value=value, legal=legal, fix=fix)
 
 
-def _shape_faults(problem: GtspProblem) -> list[Fault]:
+def _shape_faults(problem: Problem) -> list[Fault]:
     size = problem.cost.shape[0]
     faults = []
     if problem.cost.shape != (size, size):
@@ -152,7 +177,7 @@ def _shape_faults(problem: GtspProblem) -> list[Fault]:
     return faults
 
 
-def _number_faults(problem: GtspProblem) -> list[Fault]:
+def _number_faults(problem: Problem) -> list[Fault]:
     faults = []
     off = ~np.eye(problem.num_nodes, dtype=bool)
     for key, array, used in (
@@ -176,7 +201,7 @@ def _number_faults(problem: GtspProblem) -> list[Fault]:
     return faults
 
 
-def _special_node_faults(problem: GtspProblem) -> list[Fault]:
+def _special_node_faults(problem: Problem) -> list[Fault]:
     size = problem.num_nodes
     faults = []
     for key in ("home", "start", "end"):
@@ -207,7 +232,7 @@ def _special_node_faults(problem: GtspProblem) -> list[Fault]:
     return faults
 
 
-def _precedence_faults(problem: GtspProblem) -> list[Fault]:
+def _precedence_faults(problem: Problem) -> list[Fault]:
     pairs = problem.precedence
     count = problem.num_clusters
     wrong = [p for p in pairs if not (0 <= p[0] < count and 0 <= p[1] < count)]

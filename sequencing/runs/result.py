@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -205,6 +206,7 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
                 "q_rad": weld.q_rad.tolist(),
                 "cost": weld.cost,
                 "time_s": weld.time_s,
+                "contact_depth_m": weld.contact_depth_m,
             }
             for weld in cycle.welds
         ],
@@ -251,6 +253,7 @@ def robot_entry(robot: Robot) -> dict[str, Any]:
             "tip_quaternion_xyzw": tool.tip_quaternion_xyzw.tolist(),
         },
         "provenance": dict(sorted(robot.provenance.items())),
+        "warnings": [doubt.to_dict() for doubt in robot.description.warnings],
     }
 
 
@@ -297,4 +300,10 @@ def tables_entry(tables: Tables) -> dict[str, Any]:
         "time_based_totals": list(tables.time_based_totals),
         "energy_based": tables.energy_based.to_dict(),
         "saving_percent": tables.saving_percent,
+        "least_time": None if tables.least_time is None else tables.least_time.to_dict(),
+        "saving_against_least_time_percent": tables.saving_against_least_time_percent,
+        "travel_s": {
+            name: value if math.isfinite(value) else None
+            for name, value in zip(("old", "least_time", "new"), tables.travel_s, strict=True)
+        },
     }
