@@ -33,7 +33,18 @@ def convex_shape(points: npt.ArrayLike, slack_m: float = 0.0) -> Shape:
         hull = ConvexHull(cloud)
     except QhullError:
         cloud = _thicken(cloud)
-        hull = ConvexHull(cloud)
+        try:
+            hull = ConvexHull(cloud)
+        except QhullError as error:
+            raise MeshError(
+                Fault(
+                    "mesh-hull",
+                    field="vertices_m",
+                    value=str(error).split("\n")[0][:120],
+                    legal="points whose hull has a volume",
+                    fix="check the numbers: points that coincide, or sizes far apart, have none",
+                )
+            ) from error
     if slack_m > 0 and len(hull.vertices) > MANY_CORNERS:
         cloud = _simpler_around(hull, slack_m)
         hull = ConvexHull(cloud)

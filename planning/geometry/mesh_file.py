@@ -24,6 +24,7 @@ _FILE_FAULTS = (
     ImportError,
     NotImplementedError,
     AssertionError,
+    NameError,
     OverflowError,
     SyntaxError,
     RecursionError,
@@ -158,6 +159,9 @@ def _ply_faces(content: bytes) -> int:
     return 0 if found is None else int(found.group(1))
 
 
+_MOST_CORNERS = 1 << 40
+
+
 def _obj(content: bytes) -> Triangles:
     points: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
@@ -174,6 +178,8 @@ def _obj(content: bytes) -> Triangles:
             else:
                 corner = [int(word.split("/")[0]) for word in words[1:]]
                 corner = [c - 1 if c > 0 else len(points) + c for c in corner]
+                if any(abs(c) > _MOST_CORNERS for c in corner):
+                    raise ValueError("a corner of a number that no file can hold")
                 faces += [(corner[0], corner[i], corner[i + 1]) for i in range(1, len(corner) - 1)]
         except ValueError as error:
             raise MeshSyntaxError("mesh-syntax", f"line {number}: {error}") from error

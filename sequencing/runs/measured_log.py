@@ -101,7 +101,17 @@ def read_controller_log(path: Path | str) -> ControllerLog:
         return np.column_stack([table[key][keep] for key in names]) if found else None
 
     q = columns(f"{source}_q")
-    assert q is not None
+    if q is None:
+        raise InputError(
+            Fault(
+                "log-columns",
+                file=str(path),
+                field="header",
+                value=f"{joints} columns {source}_q_*, and a number is missing between them",
+                legal=f"{source}_q_0, {source}_q_1, … without a gap",
+                fix="record one column per joint",
+            )
+        )
     velocity = columns(f"{source}_qd")
     power = None
     if {"actual_robot_voltage", "actual_robot_current"} <= table.keys():
