@@ -246,7 +246,7 @@ def _build(
             result[key] = _build(loader, value_node, (*path, key), lines, refuse)
             lines[(*path, key)] = line
         return result
-    if _is_ambiguous(node):
+    if isinstance(node, yaml.ScalarNode) and _is_ambiguous(node):
         raise refuse(
             "yaml-number",
             f"{field_name(path)}: {node.value}",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +9,11 @@ import numpy as np
 
 from dmoc.arrays import Array, StaysReadonly, readonly
 from dmoc.errors import Fault, InputError
+from dmoc.table_file import number_of, read_table
 
 REQUIRED = ("id", "x_m", "y_m", "z_m", "nx", "ny", "nz", "weld_time_s")
 OPTIONAL = ("spin_free", "group", "depart_x", "depart_y", "depart_z", "depart_m", "on")
+_TEXTS = ("id", "spin_free", "group", "on", "frame")
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
 _MOST_BYTES = 20_000_000
 
@@ -55,30 +55,15 @@ def read_studs(path: Path, departure: DepartureDefault = DepartureDefault()) -> 
 
     Errors: `InputError` with the faults of all rows (code, line, column, value, legal, fix).
     """
-    text = _text(path)
-    reader = csv.reader(io.StringIO(text, newline=""))
-    try:
-        rows = [(reader.line_num, row) for row in reader]
-    except csv.Error as error:
-        raise InputError(
-            Fault(
-                "csv-syntax",
-                file=str(path),
-                line=reader.line_num,
-                value=str(error)[:120],
-                legal="comma-separated values",
-                fix="mend this line",
-            )
-        ) from error
-    rows = [(line, [cell.strip() for cell in row]) for line, row in rows if any(row)]
+    table = read_table(path, _TEXTS, _MOST_BYTES, "studs")
+    header = table.header
     faults: list[Fault] = []
-    header = rows[0][1] if rows else []
     _check_header(header, path, faults)
     if faults:
         raise InputError(faults)
     studs: list[Stud] = []
     seen: dict[str, int] = {}
-    for line, row in rows[1:]:
+    for line, row in table.rows:
         found = len(faults)
         if len(row) != len(header):
             faults.append(
@@ -124,57 +109,8 @@ def read_studs(path: Path, departure: DepartureDefault = DepartureDefault()) -> 
     return tuple(studs)
 
 
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(
-                Fault(
-                    "file-large",
-                    file=str(path),
-                    value=f"{path.stat().st_size} bytes",
-                    legal=f"<= {_MOST_BYTES}",
-                    fix="split the station",
-                )
-            )
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            Fault(
-                "file-encoding",
-                file=str(path),
-                value=str(error)[:120],
-                legal="UTF-8 text",
-                fix="save it as UTF-8",
-            )
-        ) from error
-    except OSError as error:
-        raise InputError(
-            Fault(
-                "file-missing",
-                file=str(path),
-                field="studs",
-                value=path.name,
-                legal="an existing, readable file",
-                fix="check the name",
-            )
-        ) from error
-
-
 def _check_header(header: list[str], path: Path, faults: list[Fault]) -> None:
     legal = ", ".join((*REQUIRED, *OPTIONAL))
-    for separator in (";", "\t"):
-        if len(header) == 1 and header[0].count(separator) >= len(REQUIRED) - 1:
-            faults.append(
-                Fault(
-                    "csv-separator",
-                    file=str(path),
-                    line=1,
-                    value=repr(separator),
-                    legal="commas between the columns, points in numbers",
-                    fix="export it with commas",
-                )
-            )
-            return
     for name in REQUIRED:
         if name not in header:
             faults.append(
@@ -235,10 +171,7 @@ def _stud(
 
     def number(column: str, least: float, most: float) -> float:
         text = cells.get(column, "")
-        try:
-            value = float(text)
-        except ValueError:
-            value = np.nan
+        value = number_of(text)
         if not least <= value <= most:
             fix = "write a number"
             if column in ("x_m", "y_m", "z_m") and np.isfinite(value):

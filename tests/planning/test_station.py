@@ -240,7 +240,8 @@ def test_all_faults_at_once_with_lines_and_fields(tmp_path):
         (STUDS.replace("0,0,2,1", "0,0,2,-1"), "stud-value"),
         (STUDS.splitlines()[0], "studs-empty"),
         ("", "csv-column"),
-        (STUDS.replace(",", ";"), "csv-separator"),
+        (STUDS.replace(",", ";").replace("0.1;", "0,1;"), "csv-decimal"),
+        (STUDS.replace("0.6,", "0_6,"), "stud-value"),
         (STUDS.replace("\na,", '\n"a\n1",'), "stud-value"),
         ("id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,on\na,0.6,0,0.15,0,0,1,1,moon\n", "stud-on"),
         (
@@ -256,6 +257,21 @@ def test_all_faults_at_once_with_lines_and_fields(tmp_path):
 )
 def test_bad_studs_are_named(tmp_path, studs, code):
     assert code in faults_of(write(tmp_path, studs=studs))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s: s.replace(",", ";"),
+        lambda s: s.replace(",", ";").replace(".", ","),
+        lambda s: s.replace(",", "\t").replace(".", ","),
+        lambda s: s.replace(",", "  "),
+        lambda s: "# exported\n" + s.replace(",", " ; "),
+    ],
+)
+def test_studs_with_another_separator_and_mark_are_the_same(tmp_path, change):
+    plain = load_station(write(tmp_path))
+    assert load_station(write(tmp_path, studs=change(STUDS))) == plain
 
 
 def test_the_fix_names_the_unit_and_the_comma(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import zlib
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from dmoc.errors import DmocError, Fault, InputError
 from dmoc.input_file import Refuse
 from dmoc.motion.trajectory import JointTrajectory, inverse_dynamics
 from dmoc.robot.robot import Robot
+from dmoc.table_file import number_of, read_table
 from sequencing.timing.cell.schema import LoadEntry
 from sequencing.timing.cell.types import CellRobot
 
@@ -243,22 +243,8 @@ def _limits(path: Path, name: str, motion: JointTrajectory, robot: Robot) -> lis
 def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotions:
     n = robot.num_joints
     columns = ["label", *[f"q{j + 1}_rad" for j in range(n)]]
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            header = list(reader.fieldnames or [])
-            rows = list(reader)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            Fault(
-                "csv-damaged",
-                str(path),
-                "waypoints.csv",
-                str(error)[:100],
-                "a table of UTF-8 text with commas",
-                "save it as CSV, UTF-8",
-            )
-        ) from error
+    table = read_table(path, ("label",), 100_000_000)
+    header = table.header
     wrong = [name for name in columns if header.count(name) != 1]
     if wrong:
         raise InputError(
@@ -268,7 +254,7 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
                 ", ".join(wrong),
                 "missing" if not set(wrong) & set(header) else "missing or twice",
                 ", ".join(columns),
-                "give each column once, separated by commas",
+                "give each column once",
                 1,
             )
         )
@@ -276,19 +262,20 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
     payloads: list[float] = []
     labels: list[str] = []
     faults: list[Fault] = []
-    for line, row in enumerate(rows, start=2):
+    for line, cells in table.rows:
+        row = dict(zip(header, cells))
         q = np.array([_number(row.get(name), -np.inf, np.inf) for name in columns[1:]])
         given = row.get("payload_kg")
         payload = _number(given, 0.0, 5000.0) if given else payload_kg
-        if None in row:
+        if len(cells) > len(header):
             faults.append(
                 Fault(
                     "csv-value",
                     str(path),
                     "row",
-                    f"{len(row[None])} cells too many",
+                    f"{len(cells) - len(header)} cells too many",
                     f"{len(header)} cells",
-                    "take the extra commas out",
+                    "take the extra separators out",
                     line,
                 )
             )
@@ -327,14 +314,14 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
             )
         points.append(q)
         payloads.append(payload)
-        labels.append(row["label"] or "")
-    if len(rows) < 2:
+        labels.append(row.get("label", ""))
+    if len(table.rows) < 2:
         faults.append(
             Fault(
                 "csv-rows",
                 str(path),
                 "waypoints.csv",
-                f"{len(rows)} rows",
+                f"{len(table.rows)} rows",
                 "at least two",
                 "give the joint vectors that the robot visits",
             )
@@ -351,10 +338,7 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
 
 def _number(text: str | None, low: float, high: float) -> float:
     """The number, NaN if it is none or outside [low, high]."""
-    try:
-        value = float(text or "nan")
-    except ValueError:
-        return float("nan")
+    value = number_of(text or "")
     return value if low <= value <= high else float("nan")
 
 
