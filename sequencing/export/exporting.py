@@ -13,7 +13,7 @@ from sequencing.export.rapid import rapid_program
 from sequencing.export.ros import ROS_STATEMENT, ros_files
 from sequencing.export.rtde import csv_log, rtde_log
 from sequencing.export.urscript import urscript_program
-from sequencing.export.wording import POINT_TO_POINT, STREAMED
+from sequencing.export.wording import POINT_TO_POINT, STREAMED, program_name
 from sequencing.runs.archive import write_atomic
 from sequencing.runs.folder import Run
 
@@ -37,7 +37,7 @@ class Export:
 
 def _urscript(run: Run, step_s: float | None) -> Texts:
     text, deviation = urscript_program(run, 0.008 if step_s is None else step_s)
-    return {f"{_stem(run)}.script": text}, deviation
+    return {f"{program_name(run.name, 'URScript')}.script": text}, deviation
 
 
 def _rtde(run: Run, step_s: float | None) -> Texts:
@@ -55,11 +55,11 @@ def _ros(run: Run, step_s: float | None) -> Texts:
 
 
 def _rapid(run: Run, step_s: float | None) -> Texts:
-    return {f"{_stem(run)}.mod": rapid_program(run)}, None
+    return {f"{program_name(run.name, 'RAPID')}.mod": rapid_program(run)}, None
 
 
 def _krl(run: Run, step_s: float | None) -> Texts:
-    return {f"{_stem(run)}.src": krl_program(run)}, None
+    return {f"{program_name(run.name, 'KRL')}.src": krl_program(run)}, None
 
 
 _WRITERS: dict[str, Callable[[Run, float | None], Texts]] = {

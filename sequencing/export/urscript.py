@@ -7,7 +7,7 @@ from sequencing.export.wording import (
     STREAMED,
     ascii_text,
     header_lines,
-    identifier,
+    program_name,
     sampled,
     six_joints,
     steps,
@@ -22,7 +22,7 @@ _LOOKAHEAD_S, _GAIN = 0.1, 300
 def urscript_program(run: Run, step_s: float) -> tuple[str, float]:
     """The program and its largest deviation [rad] from the plan, streamed every `step_s`."""
     six_joints(run, "URScript")
-    name = identifier(run.name, 40)
+    name = program_name(run.name, "URScript")
     body, worst, first = [], 0.0, True
     for step in steps(run):
         if isinstance(step, Weld):
