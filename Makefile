@@ -7,6 +7,8 @@ STAMP_TEST := $(VENV)/.installed-test
 STAMP_ALL := $(VENV)/.installed-all
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 CONSTRAINTS := constraints.txt
+BUILT := $(patsubst notebooks/%.py,notebooks/_built/%.ipynb,$(wildcard notebooks/*.py))
+NBMAKE := $(BIN)/python -m pytest --nbmake --nbmake-timeout=1800 -p no:xdist --durations=0
 
 .PHONY: demo test test-slow setup lint types contracts notebooks notebooks-check bench study docs clean lock
 
@@ -47,11 +49,17 @@ contracts: $(STAMP_TEST)
 test-slow: $(STAMP_TEST)
 	$(BIN)/python -m pytest -n 2 -m slow
 
-notebooks-check: $(STAMP_TEST)
-	$(BIN)/python notebooks/run.py --reduced
+# One notebook: make notebooks BUILT=notebooks/_built/quickstart.ipynb
+notebooks/_built/%.ipynb: notebooks/%.py | $(STAMP_TEST)
+	@mkdir -p $(@D)
+	$(BIN)/jupytext --quiet --to ipynb --output $@ $<
 
-notebooks: $(STAMP_TEST)
-	$(BIN)/python notebooks/run.py
+notebooks-check: $(BUILT)
+	DMOC_REDUCED=1 $(NBMAKE) $(BUILT)
+
+notebooks: $(BUILT)
+	env -u DMOC_REDUCED $(NBMAKE) --overwrite $(BUILT)
+	$(BIN)/jupyter nbconvert --log-level WARN --to html $(BUILT)
 
 bench: $(STAMP_ALL)
 	$(BIN)/python -m benchmarks
@@ -60,12 +68,12 @@ study: $(STAMP_RUN)
 	$(BIN)/dmoc study stud-welding
 
 docs: $(STAMP_ALL)
-	$(BIN)/python docs/build.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Freeze what is installed in a fresh environment; CI and make install with these versions.
 lock: $(STAMP_ALL)
 	$(BIN)/python -m pip freeze --exclude-editable > $(CONSTRAINTS)
 
 clean:
-	rm -rf $(VENV) build dist runs docs/_site notebooks/_built .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build dist runs notebooks/_built .pytest_cache .mypy_cache .ruff_cache
 	find . -name "*.nb[ic]" -delete

@@ -36,9 +36,9 @@ from dmoc.motion.motion import MotionProblem
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.physics.resimulation import replay_motion
 from dmoc.physics.running_cost import trajectory_cost
-from dmoc.programme.types import DEFAULT_PARAMS, SolveParams
 from dmoc.robot.robot import Robot, load_robot
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import DEFAULT_PARAMS, SolveParams
 
 RESULTS = Path(__file__).parent / "results"
 REPEATS = 3
@@ -73,7 +73,7 @@ def compare(name: str, count: int, peers: list) -> dict:
     cost = Cost()
     limited = [MotionProblem(robot, *pair) for pair in pairs]
     problems = [MotionProblem(free, *pair) for pair in pairs]
-    for params in (DEFAULT_PARAMS, OWN):
+    for params in (SolveParams(), OWN):
         solve(limited[0], params), solve(problems[0], params)
     rows = {
         "with acceleration limits": [timed(problem) for problem in limited],

@@ -23,7 +23,7 @@ from benchmarks.timing_common import save_table
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.swarm import SwarmParams, minimise
 from sequencing.timing.clearance.arms import ArmShapes, joint_frames
-from sequencing.timing.clearance.block_kernels import segment_distances
+from sequencing.timing.clearance.segments import segment_distances
 from sequencing.timing.clearance.swept import swept_path
 from sequencing.timing.power.along_path import exact_power_w
 from sequencing.timing.power.timeline import cost, cost_and_gradient, cost_batch

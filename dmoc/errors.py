@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Self
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,20 @@ class DmocError(Exception):
     def __init__(self, faults: Fault | Sequence[Fault]) -> None:
         self.faults: tuple[Fault, ...] = (faults,) if isinstance(faults, Fault) else tuple(faults)
         super().__init__("\n".join(str(fault) for fault in self.faults))
+
+    @classmethod
+    def of(
+        cls,
+        code: str,
+        file: str = "",
+        field: str = "",
+        value: str = "",
+        legal: str = "",
+        fix: str = "",
+        line: int | None = None,
+    ) -> Self:
+        """The error of one fault, see `Fault`."""
+        return cls(Fault(code, file, field, value, legal, fix, line))
 
     def __reduce__(self) -> tuple[type[DmocError], tuple[tuple[Fault, ...]]]:
         return (type(self), (self.faults,))

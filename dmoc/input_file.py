@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import stat
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 import yaml
 
+from dmoc.arrays import MOST_BYTES
 from dmoc.errors import DmocError, Fault, InputError
 
 
@@ -38,6 +42,24 @@ def confined(relative: str, folder: Path, file: str, field: str) -> Path:
             )
         )
     return path
+
+
+def content_of(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """The bytes of a plain file; `OSError` for a pipe, a device, a folder or a larger file.
+
+    A pipe is opened without waiting for whoever might write to it.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+    try:
+        found = os.fstat(handle)
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, "not a plain file", str(path))
+        if found.st_size > most_bytes:
+            raise OSError(errno.EFBIG, f"{found.st_size} bytes, more than {most_bytes}", str(path))
+        with os.fdopen(handle, "rb", closefd=False) as stream:
+            return stream.read(most_bytes)
+    finally:
+        os.close(handle)
 
 
 T = TypeVar("T")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -45,16 +46,43 @@ def njit(
         **(_PLAIN if plain else {}),
     }
     try:
-        return numba.njit(cache=True, **options)(function)
+        return _forgiving(numba.njit(cache=True, **options)(function))
     except RuntimeError:  # neither the installation nor a home can be written
         return _kept_elsewhere(function, options)
+
+
+def _forgiving(kernel: Any) -> Any:
+    """The kernel, compiled anew where its kept code names types that are no longer there.
+
+    numba reads the whole list of what was kept before it looks whether the source changed: after
+    an update that renamed a type it would end in an AttributeError.
+    """
+    file = getattr(getattr(kernel, "_cache", None), "_cache_file", None)
+    read = getattr(file, "_load_index", None)
+    if file is not None and read is not None:
+
+        def load_index() -> Any:
+            try:
+                return read()
+            except (
+                AttributeError,
+                ImportError,
+                EOFError,
+                TypeError,
+                ValueError,
+                pickle.PickleError,
+            ):
+                return {}
+
+        file._load_index = load_index
+    return kernel
 
 
 def _kept_elsewhere(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Compiled code in the user's own folder for temporary files, else in every process anew."""
     asked, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _own_folder() or ""
     try:
-        return numba.njit(cache=True, **options)(function)
+        return _forgiving(numba.njit(cache=True, **options)(function))
     except RuntimeError:
         return numba.njit(**options)(function)
     finally:

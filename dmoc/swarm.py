@@ -89,10 +89,10 @@ class Swarm:
         if self.lower.ndim != 1 or self.lower.shape != self.upper.shape:
             legal = "two vectors of one length"
             value = f"{self.lower.shape}, {self.upper.shape}"
-            raise ProblemError(Fault("swarm-box", "", "lower, upper", value, legal))
+            raise ProblemError.of("swarm-box", "", "lower, upper", value, legal)
         if not (self.lower <= self.upper).all():
-            raise ProblemError(
-                Fault("swarm-box", "", "lower, upper", "lower > upper", "lower <= upper")
+            raise ProblemError.of(
+                "swarm-box", "", "lower, upper", "lower > upper", "lower <= upper"
             )
         self.params = params
         self._rng = np.random.default_rng(seed)
@@ -113,8 +113,8 @@ class Swarm:
             self._v = _rows(start_velocity, "start_velocity", span.size).copy()
             if self._v.shape != shape:
                 legal = f"{shape}, a row for each particle"
-                raise ProblemError(
-                    Fault("swarm-start", "", "start_velocity", str(self._v.shape), legal)
+                raise ProblemError.of(
+                    "swarm-start", "", "start_velocity", str(self._v.shape), legal
                 )
         self._before = self._x.copy()
         self._own_x = self._x.copy()
@@ -130,19 +130,19 @@ class Swarm:
             step = np.asarray(self.params.max_step, dtype=float)
             if step.ndim and step.shape != span.shape:
                 legal = f"one number or {span.size}"
-                raise ProblemError(Fault("swarm-step", "", "max_step", str(step.shape), legal))
+                raise ProblemError.of("swarm-step", "", "max_step", str(step.shape), legal)
             return np.asarray(step * span)
         limit = np.asarray(max_velocity, dtype=float)
         if limit.shape != span.shape or not (limit >= 0).all():
             legal = f"{span.size} numbers >= 0"
-            raise ProblemError(Fault("swarm-step", "", "max_velocity", str(limit), legal))
+            raise ProblemError.of("swarm-step", "", "max_velocity", str(limit), legal)
         return limit
 
     def promising(self, values: np.ndarray) -> np.ndarray:
         """Which of the points of the last `ask` would improve on their particle's best (m,)."""
         if self._asked is None:
-            raise ProblemError(
-                Fault("swarm-order", "", "promising", "no ask before", "ask, then promising")
+            raise ProblemError.of(
+                "swarm-order", "", "promising", "no ask before", "ask, then promising"
             )
         return np.asarray(np.asarray(values, dtype=float) < self._own_value[self._asked])
 
@@ -155,12 +155,12 @@ class Swarm:
     def tell(self, values: np.ndarray) -> None:
         """Values (m,) of the points of the last `ask`, +inf for forbidden; then everybody moves."""
         if self._asked is None:
-            raise ProblemError(Fault("swarm-order", "", "tell", "no ask before", "ask, then tell"))
+            raise ProblemError.of("swarm-order", "", "tell", "no ask before", "ask, then tell")
         found = np.full(self.params.particles, np.inf)
         told = np.asarray(values, dtype=float)
         if told.shape != self._asked.shape or np.isnan(told).any():
             legal = f"{self._asked.size} numbers or +inf"
-            raise ProblemError(Fault("swarm-values", "", "values", str(told.shape), legal))
+            raise ProblemError.of("swarm-values", "", "values", str(told.shape), legal)
         found[self._asked] = told
         self.evaluations += int(told.size)
         better = found < self._own_value
@@ -206,7 +206,7 @@ def _rows(values: np.ndarray, name: str, size: int) -> np.ndarray:
     rows = np.atleast_2d(np.asarray(values, dtype=float))
     if rows.ndim != 2 or rows.shape[1] != size or not np.isfinite(rows).all():
         legal = f"(k, {size}), finite"
-        raise ProblemError(Fault("swarm-start", "", name, str(rows.shape), legal))
+        raise ProblemError.of("swarm-start", "", name, str(rows.shape), legal)
     return rows
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import re
 from collections.abc import Collection
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dmoc.errors import Fault, InputError
+from dmoc.input_file import content_of
 
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?")
 _NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}
@@ -25,11 +27,11 @@ def read_text(path: Path, most_bytes: int, field: str = "") -> str:
         return InputError(Fault(code, str(path), field, value[:120], legal, fix))
 
     try:
-        if path.stat().st_size > most_bytes:
-            size = f"{path.stat().st_size} bytes"
-            raise refuse("file-large", size, f"<= {most_bytes}", "split the file")
-        data = path.read_bytes()
+        data = content_of(path, most_bytes)
     except OSError as error:
+        if error.errno == errno.EFBIG:
+            legal = f"<= {most_bytes} bytes"
+            raise refuse("file-large", str(error.strerror), legal, "split the file") from error
         legal = "an existing, readable file"
         raise refuse("file-missing", path.name, legal, "check the name") from error
     wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")

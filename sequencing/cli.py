@@ -39,7 +39,8 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="One JSON object on stdout, the rest on stderr.")
 ]
 WorkersOption = Annotated[int, typer.Option(help="Processes; 0 takes the number of cores.", min=0)]
-MethodOption = Annotated[str, typer.Option(help="Collision avoidance: halfspaces or boxes.")]
+MethodOption = Annotated[str, typer.Option(help="Collision avoidance: half-spaces or boxes.")]
+SolverOption = Annotated[str, typer.Option(help="Solver of the motions: structured or ipopt.")]
 PolishOption = Annotated[
     bool, typer.Option("--polish", help="Turn the tools continuously once the order is found.")
 ]
@@ -77,13 +78,14 @@ def demo(
     seed: int,
     out: Path | None,
     workers: WorkersOption = 0,
-    method: MethodOption = "halfspaces",
+    method: MethodOption = "half-spaces",
+    solver: SolverOption = "structured",
     polish: PolishOption = False,
 ) -> CommandResult:
     """Plan the embedded eight-stud station, from station.yaml to scene.html."""
     from sequencing.commands.plan import run_demo
 
-    return run_demo(console, seed, out, workers, method, polish)
+    return run_demo(console, seed, out, workers, method, solver, polish)
 
 
 @command
@@ -93,7 +95,8 @@ def plan(
     seed: int,
     out: Path | None,
     workers: WorkersOption = 0,
-    method: MethodOption = "halfspaces",
+    method: MethodOption = "half-spaces",
+    solver: SolverOption = "structured",
     max_evaluations: Annotated[
         int | None, typer.Option(help="Stop after this many solved edges.", min=1)
     ] = None,
@@ -118,6 +121,7 @@ def plan(
         out=out,
         workers=workers,
         method=method,
+        solver=solver,
         max_evaluations=max_evaluations,
         conditional_gap=target_gap / 100.0,
         polish=polish,
@@ -143,16 +147,19 @@ def check(
 @command
 def init(
     console: Console,
-    urdf: Annotated[Path, typer.Argument(help="Robot (URDF).")],
-    part: Annotated[Path, typer.Argument(help="Part mesh (STL, OBJ or GLB).")],
+    urdf: Annotated[Path, typer.Argument(help="Robot (URDF or xacro).")],
+    part: Annotated[Path, typer.Argument(help="Part mesh (STL, OBJ, GLB, PLY or DAE).")],
     studs: Annotated[Path, typer.Argument(help="Studs (CSV).")],
     out: Path | None,
     unit: Annotated[str, typer.Option(help="Unit of the mesh: m or mm.")] = "m",
+    package_path: Annotated[
+        list[Path] | None, typer.Option(help="Folder with the robot's ROS packages (repeatable).")
+    ] = None,
 ) -> CommandResult:
     """Write a commented station.yaml from a robot, a part and studs."""
     from sequencing.commands.check import run_init
 
-    return run_init(console, urdf, part, studs, out, unit)
+    return run_init(console, urdf, part, studs, out, unit, package_path or [])
 
 
 @command
@@ -255,11 +262,14 @@ def study(
         bool, typer.Option("--reduced", help="Few cases, in about a minute (stud-welding, ur3).")
     ] = False,
     workers: WorkersOption = 0,
+    solver: Annotated[str | None, typer.Option(help="Solver, instead of the study's own.")] = None,
+    method: Annotated[str | None, typer.Option(help="Method, instead of the study's own.")] = None,
 ) -> CommandResult:
     """Run a published study and print its figures beside the paper's."""
-    from sequencing.commands.study import run_study
+    from sequencing.commands.study import StudyOptions, run_study
 
-    return run_study(console, name, station, seed, out, workers, reduced)
+    options = StudyOptions(station, seed, out, workers, reduced, solver, method)
+    return run_study(console, name, options)
 
 
 @command

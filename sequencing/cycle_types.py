@@ -9,6 +9,7 @@ import numpy as np
 
 from dmoc.arrays import Array, readonly
 from dmoc.motion.motion import Motion
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.station.station import Station
 from sequencing.gtsp.problem import Tour
 
@@ -146,19 +147,38 @@ class Polish:
 
 
 @dataclass(frozen=True)
+class Look:
+    """What a second engine found when it looked at the motions of a cycle.
+
+    Of `motions` it asked `configurations`, against the pieces and the original meshes, and met
+    `contacts`: none in a cycle that was planned. `refused` names motions that the certificate had
+    passed and this engine did not; the cycle goes another way.
+    """
+
+    engine: str
+    motions: int
+    configurations: int
+    contacts: int
+    refused: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Reuse:
     """Which travels came from the store and which were solved in this run.
 
-    Each is a pair of ends, `stud/alternative` or `home`. It depends on what earlier runs left
+    Each is a pair of ends, `stud/alternative` or `home`; `lost` names those that killed their
+    worker twice and count as impossible. It depends on what earlier runs left
     behind, so it is no part of a `Cycle` and of result.json: timing.json has it.
     """
 
     reused: tuple[tuple[str, str], ...]
     solved: tuple[tuple[str, str], ...]
+    lost: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """`412 travels from the store, 45 solved: S07 (45 of 45), …`: the studs that they touch."""
         text = f"{len(self.reused)} travels from the store, {len(self.solved)} solved"
+        text = "; ".join([text, *self.lost])
         if not self.reused or not self.solved:
             return text
         touched: dict[str, int] = {}
@@ -177,6 +197,7 @@ class Reuse:
             "edges_solved": len(self.solved),
             "reused": [list(pair) for pair in self.reused],
             "solved": [list(pair) for pair in self.solved],
+            "lost": list(self.lost),
         }
 
 
@@ -200,6 +221,8 @@ class Cycle:
     configurations: int
     unreachable: tuple[tuple[str, str], ...]
     polish: Polish | None = None
+    second_look: Look | None = None
+    solver: str = DEFAULT_SOLVER
 
     @property
     def duration_s(self) -> float:

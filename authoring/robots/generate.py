@@ -1,4 +1,4 @@
-"""Write the URDF files of the package: `python -m dmoc.robots.generate [FOLDER]`."""
+"""Write the URDF files of the package: `python -m authoring.robots.generate [FOLDER]`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 
 from authoring.robots import irb6640, ur3e, ur10e
 from authoring.robots.spec import urdf_text
+
+HERE = Path(__file__).resolve().parents[2] / "dmoc" / "robots"
 
 
 def write_robots(folder: Path) -> tuple[Path, ...]:
@@ -33,4 +35,4 @@ def write_robots(folder: Path) -> tuple[Path, ...]:
 
 
 if __name__ == "__main__":
-    write_robots(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    write_robots(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE)

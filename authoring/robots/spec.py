@@ -121,7 +121,7 @@ def urdf_text(
     """The URDF of a serial arm: `links` (n + 1), `joints` (n), and a `flange` frame at the end."""
     lines = [
         '<?xml version="1.0"?>',
-        "<!-- Written by dmoc.robots.generate: change the numbers there. -->",
+        "<!-- Written by authoring.robots.generate: change the numbers there. -->",
         f'<robot name="{name}">',
     ]
     lines += [

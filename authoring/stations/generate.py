@@ -1,4 +1,4 @@
-"""Write the stations of the package: `python -m planning.stations.generate [FOLDER]`."""
+"""Write the stations of the package: `python -m authoring.stations.generate [FOLDER]`."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ LIMIT_DEG = ((-170, -65, -180, -200, -120, -200), (170, 85, 70, 200, 120, 200))
 CLAMPS = ((1.30, -0.95), (2.50, -0.95), (1.30, 0.98), (2.50, 0.98), (1.90, -0.20))
 CLAMP_M = (0.08, 0.08, 0.35)
 HOME_RAD = (0.0, -0.35, 0.35, 0.0, 0.6, 0.0)
+
+HERE = Path(__file__).resolve().parents[2] / "planning" / "stations"
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def station_text(layout: Layout, suffix: str) -> str:
     home = ", ".join(f"{angle:g}" for angle in HOME_RAD)
     lower, upper = (", ".join(f"{np.deg2rad(v):.6f}" for v in row) for row in LIMIT_DEG)
     return f"""\
-# {layout.remark} Written by planning.stations.generate; sources in provenance.yaml.
+# {layout.remark} Written by authoring.stations.generate; sources in provenance.yaml.
 schema_version: 1
 name: {layout.folder}{suffix}
 robot:
@@ -174,7 +176,7 @@ def _write_studs(source: Path, target: Path, only: tuple[str, ...] | None) -> No
 
 def write_stations(folder: Path) -> tuple[Path, ...]:
     """Write all stations below `folder`; returns the files. Same bytes on every run."""
-    layouts = Path(__file__).parent / "layouts"
+    layouts = HERE / "layouts"
     vertices, faces = underbody.mesh()
     written: list[Path] = []
     for layout in LAYOUTS:
@@ -199,4 +201,4 @@ def write_stations(folder: Path) -> tuple[Path, ...]:
 
 
 if __name__ == "__main__":
-    write_stations(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    write_stations(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE)

@@ -6,7 +6,7 @@ box) -> ready -> feeder, 39 trajectories a robot. They take turns: while one set
 comes from its feeder and the third withdraws, so each begins its round one trajectory later than
 the one before. Positions are in metres, invented. A first layout
 (no robots meeting at all) was replaced by this one for its collisions, not for its energies.
-Run `python -m planning.stations.pallet_cell.author` to write the files again.
+Run `python -m authoring.stations.pallet_cell` to write the files again.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from dmoc.robot.robot import Robot, load_robot
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parents[2] / "planning" / "stations" / "pallet_cell"
 RADIUS_M = 1.85
 BOX_KG = 45.0
 BASES = {"north": 90.0, "west": 210.0, "east": 330.0}
@@ -58,7 +58,7 @@ def place_positions(name: str) -> np.ndarray:
 def inverse_kinematics(robot: Robot, tip_m: np.ndarray, seed_rad: np.ndarray) -> np.ndarray:
     """Joint vector (n,) that puts the gripper, pointing down, at `tip_m` (world)."""
     model, data = robot.model, robot.model.createData()
-    frame = model.getFrameId(robot.flange)
+    frame = robot.flange_id
     heading = np.arctan2(*(tip_m - robot.base.translation)[[1, 0]])
     # The flange's x axis points down, its y axis across the line of sight.
     down = pin.utils.rotate("z", heading) @ pin.utils.rotate("y", np.pi / 2)

@@ -8,11 +8,10 @@ speed and acceleration are limited by the slowest joint, so all joints start and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.trajectory import JointTrajectory, inverse_dynamics
 from dmoc.robot.robot import Robot
 
@@ -35,14 +34,6 @@ def trapezoid_phases(
     return float(np.sqrt(1.0 / ramp)), float(2.0 * np.sqrt(1.0 / ramp))
 
 
-def trapezoid_duration_s(robot: Robot, start_rad: Any, goal_rad: Any) -> float:
-    """Duration [s] of `trapezoid_motion` without building it; joint vectors (n,)."""
-    distance = np.asarray(goal_rad, dtype=float) - np.asarray(start_rad, dtype=float)
-    return trapezoid_phases(distance, robot.velocity_limit_rad_s, robot.acceleration_limit_rad_s2)[
-        1
-    ]
-
-
 def trapezoid_motion(
     robot: Robot,
     start_rad: Sequence[float] | np.ndarray,
@@ -61,20 +52,18 @@ def trapezoid_motion(
     goal = np.asarray(goal_rad, dtype=float)
     shape = (robot.num_joints,)
     if start.shape != shape or goal.shape != shape or not np.isfinite(start + goal).all():
-        raise ProblemError(
-            Fault(
-                "joint-vector",
-                "",
-                "start_rad, goal_rad",
-                f"{start.shape}, {goal.shape}",
-                f"{shape}, finite",
-                "give one angle for each joint",
-            )
+        raise ProblemError.of(
+            "joint-vector",
+            "",
+            "start_rad, goal_rad",
+            f"{start.shape}, {goal.shape}",
+            f"{shape}, finite",
+            "give one angle for each joint",
         )
     if not 0.0 < scale <= 1.0:
-        raise ProblemError(Fault("scale", "", "scale", repr(scale), "0 < scale <= 1"))
+        raise ProblemError.of("scale", "", "scale", repr(scale), "0 < scale <= 1")
     if num_intervals < 3:
-        raise ProblemError(Fault("num-intervals", "", "num_intervals", str(num_intervals), ">= 3"))
+        raise ProblemError.of("num-intervals", "", "num_intervals", str(num_intervals), ">= 3")
     distance = goal - start
     ramp_s, total_s = trapezoid_phases(
         distance,
@@ -82,15 +71,13 @@ def trapezoid_motion(
         scale * np.asarray(robot.acceleration_limit_rad_s2),
     )
     if total_s <= 0.0:
-        raise ProblemError(
-            Fault(
-                "no-motion",
-                "",
-                "goal_rad",
-                "equal to start_rad",
-                "a different joint vector",
-                "leave this motion out",
-            )
+        raise ProblemError.of(
+            "no-motion",
+            "",
+            "goal_rad",
+            "equal to start_rad",
+            "a different joint vector",
+            "leave this motion out",
         )
     t = _knots(ramp_s, total_s, num_intervals)
     s, rate, _ = _profile(t, ramp_s, total_s)

@@ -12,7 +12,6 @@ from dmoc.interior.method import Bounds, Outcome, Start, Tolerances, minimise
 from dmoc.interior.oracle import Oracle
 from dmoc.interior.system import NewtonSystem
 from dmoc.programme.builder import MotionProgramme
-from dmoc.programme.types import SolveParams
 
 # More iterations than this are a struggle that a method with a restoration phase ends sooner.
 MOST_ITERATIONS = 100
@@ -27,7 +26,12 @@ _SYSTEMS: dict[tuple[Any, ...], NewtonSystem] = {}
 
 
 def solve_structured(
-    motion: MotionProgramme, arguments: dict[str, Array], params: SolveParams
+    motion: MotionProgramme,
+    arguments: dict[str, Array],
+    tolerance: float,
+    acceptable: float,
+    acceptable_iterations: int,
+    max_iterations: int,
 ) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """`arguments` and results as of `nlpsol`; None if the programme does not fit.
 
@@ -51,18 +55,15 @@ def solve_structured(
     oracle.set_params(arguments["p"])
     start = Start(arguments["x0"], arguments.get("lam_x0"), arguments.get("lam_g0"))
     limits = Tolerances(
-        params.tolerance,
-        params.acceptable_tolerance,
-        params.acceptable_iterations,
-        min(params.max_iterations, MOST_ITERATIONS),
+        tolerance, acceptable, acceptable_iterations, min(max_iterations, MOST_ITERATIONS)
     )
     outcome = minimise(oracle, _SYSTEMS[key], bounds, start, limits)
-    return _as_nlpsol(outcome, params)
+    return _as_nlpsol(outcome, max_iterations)
 
 
-def _as_nlpsol(outcome: Outcome, params: SolveParams) -> tuple[dict[str, Any], dict[str, Any]]:
+def _as_nlpsol(outcome: Outcome, max_iterations: int) -> tuple[dict[str, Any], dict[str, Any]]:
     reason = outcome.reason
-    if reason == "iterations" and outcome.iterations < params.max_iterations:
+    if reason == "iterations" and outcome.iterations < max_iterations:
         reason = "stuck"
     result = {
         "x": outcome.x,

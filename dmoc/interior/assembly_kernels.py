@@ -26,13 +26,12 @@ def place_rows(slopes, source, target, rows):  # type: ignore[no-untyped-def]
 
 
 @njit
-def add_limits(  # type: ignore[no-untyped-def]
-    slopes, source, place, start, stage, weight, dense, hess
-):
+def add_limits(slopes, limit, start, stage, weight, dense, hess):  # type: ignore[no-untyped-def]
     """Add Σ weight·aaᵀ of the limit rows a to the blocks `hess` (N, F, F) of their stages.
 
     `dense` (F,) is workspace, all zero before and after.
     """
+    source, place = limit.source, limit.target
     for i in range(stage.shape[0]):
         if weight[i] > 0.0:
             k = stage[i]

@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+from dmoc.arrays import Array
 from dmoc.jit import njit
+
+
+class End(NamedTuple):
+    """Factor of the last stages: `lu` (t, t), `pivot` (t,), `map` Y (t, S), `hess` (t, t+S) =
+    (H_yy, H_ys)."""
+
+    lu: Array
+    pivot: Array
+    map: Array
+    hess: Array
 
 
 @njit
 def factorise_end(  # type: ignore[no-untyped-def]
-    hess,
-    rows,
-    sigma,
-    delta,
-    place,
-    n,
-    first,
-    end_lu,
-    end_pivot,
-    end_map,
-    end_hess,
-    value,
-    scratch,
+    hess, rows, sigma, delta, place, n, first, end, value, scratch
 ):
     """The square last stages m = `first`..N: Y = −B_y⁻¹ B_s and the cost to go of their state.
 
-    `place` (N+1−m, F) maps their frames to (state, y) or −1. Outputs: `end_lu` (t, t), `end_pivot`
-    (t,), `end_map` Y (t, S), `end_hess` (t, t+S) = (H_yy, H_ys), `value` (S, S). Workspace:
-    `scratch` (S+t, S+t). False where the rows are dependent.
+    `place` (N+1−m, F) maps their frames to (state, y) or −1. Outputs: `end`, `value` (S, S).
+    Workspace: `scratch` (S+t, S+t). False where the rows are dependent.
     """
+    end_lu, end_pivot, end_map, end_hess = end
     count, size_f, size_s = hess.shape[0], hess.shape[1], 3 * n + 1
     many = end_lu.shape[0]
     size = size_s + many
@@ -134,10 +135,11 @@ def _lu(matrix, pivot):  # type: ignore[no-untyped-def]
 
 @njit
 def start_from_end(  # type: ignore[no-untyped-def]
-    gradient, defect, n, first, end_lu, end_pivot, end_map, end_hess, end_known, known
+    gradient, defect, n, first, end, end_known, known
 ):
     """y_0 and the gradient of y (first rows of `end_known` (3, t)), and the gradient of the cost to
     go of the last stages' state (second row of `known`)."""
+    end_lu, end_pivot, end_map, end_hess = end
     size_s, many = 3 * n + 1, end_lu.shape[0]
     y, g, v = end_known[0], end_known[1], known[1]
     for i in range(n):
@@ -168,10 +170,9 @@ def start_from_end(  # type: ignore[no-untyped-def]
 
 
 @njit
-def finish_end(  # type: ignore[no-untyped-def]
-    n, first, end_lu, end_pivot, end_map, end_hess, end_known, known, x, lam
-):
+def finish_end(n, first, end, end_known, known, x, lam):  # type: ignore[no-untyped-def]
     """x and `lam` of the last stages, whose state is the last row of `known`."""
+    end_lu, end_pivot, end_map, end_hess = end
     size_s, many, count = 3 * n + 1, end_lu.shape[0], lam.shape[0] - 1
     y, state, multipliers = end_known[0], known[2], end_known[2]
     for i in range(many):

@@ -8,6 +8,7 @@ jerk, sums over the whole motion and a free last velocity do not.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,7 @@ from dmoc.programme.builder import MotionProgramme
 from dmoc.programme.transcription import Block, Index
 
 
-@dataclass(frozen=True)
-class Entries:
+class Entries(NamedTuple):
     """Nonzeros of a Jacobian: `source` in the flat values, global `row` and `column`, `target`.
 
     `target` is the flat place in the stages' rows (momentum) or a place in the frame (limits).

@@ -18,6 +18,7 @@ from dmoc.interior.barrier_rule import BarrierRule
 from dmoc.interior.filter import Filter, Merit
 from dmoc.interior.frames import Frames
 from dmoc.interior.oracle import Oracle
+from dmoc.interior.point_kernels import Box, Point
 from dmoc.interior.system import NewtonSystem
 
 LARGEST_DUAL = 1.0
@@ -57,7 +58,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """As of `SolveParams`."""
+    """As of `dmoc.solving.solvers.SolveParams`."""
 
     tolerance: float
     acceptable: float
@@ -78,14 +79,6 @@ class Outcome:
     bounds: Array
     rows: Array
     iterations: int
-
-
-@dataclass(frozen=True)
-class _Step:
-    w: Array
-    y: Array
-    z_lo: Array
-    z_up: Array
 
 
 @dataclass(frozen=True)
@@ -124,6 +117,7 @@ class _Run:
         self.up += _RELAXATION * np.maximum(1.0, np.abs(self.up))
         self.lo[: self.size][self.fixed] = -np.inf
         self.up[: self.size][self.fixed] = np.inf
+        self.box = Box(self.lo, self.up, self.fixed, self.size, self.equal)
         total = len(self.lo)
         self.w, self.y = np.zeros(total), np.zeros(num_rows)
         self.z_lo, self.z_up = np.zeros(total), np.zeros(total)
@@ -177,21 +171,7 @@ class _Run:
     def run(self) -> Outcome:
         acceptable = 0
         for iteration in range(self.limits.max_iterations + 1):
-            dual, product, total, scale, scale_z, count = kernels.measure(
-                self.grad,
-                self.pull,
-                self.y,
-                self.w,
-                self.lo,
-                self.up,
-                self.z_lo,
-                self.z_up,
-                self.fixed,
-                self.size,
-                self.equal,
-                0.0,
-            )
-            error = self._error(dual, product, scale, scale_z, count)
+            error, dual, product, mean_product = self._measured(0.0)
             if (
                 error <= self.limits.tolerance
                 and dual <= LARGEST_DUAL
@@ -209,7 +189,7 @@ class _Run:
                 return self._outcome("acceptable", iteration)
             if iteration == self.limits.max_iterations:
                 return self._outcome("iterations", iteration)
-            if not self._advance(error, total / max(count, 1)):
+            if not self._advance(error, mean_product):
                 return self._outcome("stuck", iteration)
         raise AssertionError
 
@@ -217,7 +197,7 @@ class _Run:
         """One step; False where no step helps."""
         oracle, size = self.oracle, self.size
         oracle.hessian(self.w[:size], self.y)
-        kernels.centring(self.w, self.lo, self.up, self.z_lo, self.z_up, self.sigma, self.inwards)
+        kernels.centring(self._point(), self.lo, self.up, self.sigma, self.inwards)
         self.system.set_hessian(oracle.curves, self.slopes, self.sigma[size:])
         if not self.system.factorise(self.sigma, self.fixed):
             return False
@@ -225,25 +205,14 @@ class _Run:
         def mean_after() -> float:
             step = self._step(0.0, self.defect)
             longest = kernels.bound_step(self.w, step.w, self.lo, self.up, 1.0)
-            dual = kernels.multiplier_step(self.z_lo, self.z_up, step.z_lo, step.z_up, 1.0)
-            return float(
-                kernels.mean_product_after(
-                    self.w,
-                    step.w,
-                    self.lo,
-                    self.up,
-                    self.z_lo,
-                    self.z_up,
-                    step.z_lo,
-                    step.z_up,
-                    longest,
-                    dual,
-                )
-            )
+            here = self._point()
+            dual = kernels.multiplier_step(here, step, 1.0)
+            return float(kernels.mean_product_after(here, step, self.lo, self.up, longest, dual))
 
-        if self.rule.choose(
-            self.objective, self.theta, mean_product, self._barrier_error, mean_after
-        ):
+        def error_at(mu: float) -> float:
+            return self._measured(mu)[0]
+
+        if self.rule.choose(self.objective, self.theta, mean_product, error_at, mean_after):
             self.filter.clear()
         if self._search(error):
             return True
@@ -291,7 +260,7 @@ class _Run:
                 return False
         return False
 
-    def _try(self, step: _Step, alpha: float, mu: float, with_slopes: bool) -> _Trial:
+    def _try(self, step: Point, alpha: float, mu: float, with_slopes: bool) -> _Trial:
         w = self.w + alpha * step.w
         objective, theta, worst, defect = self._evaluate(w, with_slopes)
         logs = kernels.log_slacks(w, self.lo, self.up)
@@ -299,10 +268,10 @@ class _Run:
         return _Trial(w, defect, objective, worst, logs, merit, with_slopes)
 
     def _accept(
-        self, start: Merit, trial: _Trial, step: _Step, alpha: float, tau: float, mu: float
+        self, start: Merit, trial: _Trial, step: Point, alpha: float, tau: float, mu: float
     ) -> None:
         self.filter.remember(start, trial.merit, alpha)
-        dual = kernels.multiplier_step(self.z_lo, self.z_up, step.z_lo, step.z_up, tau)
+        dual = kernels.multiplier_step(self._point(), step, tau)
         self.y += alpha * step.y
         self.z_lo += dual * step.z_lo
         self.z_up += dual * step.z_up
@@ -322,17 +291,7 @@ class _Run:
         """Gradients at the present point and multipliers."""
         cost, limit = self.frames.objective, self.frames.limit
         self.system.pull(self.y[: self.equal], self.pull)
-        kernels.gradients(
-            self.slopes,
-            self.y,
-            cost.source,
-            cost.column,
-            limit.source,
-            limit.row,
-            limit.column,
-            self.grad,
-            self.pull,
-        )
+        kernels.gradients(self.slopes, self.y, cost, limit, self.grad, self.pull)
 
     def _evaluate(self, w: Array, with_slopes: bool) -> tuple[float, float, float, Array]:
         x = w[: self.size]
@@ -343,89 +302,35 @@ class _Run:
         """Objective, Σ|defect|, largest |defect| and the defect, from the oracle's values."""
         defect = np.empty(len(self.y))
         objective, theta, worst = kernels.gather_rows(
-            self.oracle.values,
-            self.frames.rows,
-            self.target,
-            w,
-            self.lo,
-            self.up,
-            self.size,
-            self.equal,
-            defect,
+            self.oracle.values, self.frames.rows, self.target, w, self.box, defect
         )
         return objective, theta, worst, defect
 
-    def _step(self, mu: float, defect: Array) -> _Step:
+    def _point(self) -> Point:
+        return Point(self.w, self.y, self.z_lo, self.z_up)
+
+    def _step(self, mu: float, defect: Array) -> Point:
         """The Newton step for the barrier parameter μ and a defect of the rows."""
         size, equal, limit = self.size, self.equal, self.frames.limit
         gradient = np.empty(size)
-        kernels.right_hand_side(
-            self.grad,
-            self.pull,
-            self.y,
-            defect,
-            self.sigma,
-            self.inwards,
-            mu,
-            self.slopes,
-            limit.source,
-            limit.row,
-            limit.column,
-            size,
-            equal,
-            gradient,
-        )
-        step = _Step(*(np.empty(len(v)) for v in (self.w, self.y, self.w, self.w)))
+        barrier = (self.sigma, self.inwards, mu, self.slopes, limit, self.box)
+        kernels.right_hand_side(self.grad, self.pull, self.y, defect, *barrier, gradient)
+        here = self._point()
+        step = Point(*(np.empty(len(part)) for part in here))
         step.w[:size], step.y[:equal] = self.system.solve(gradient, defect[:equal])
-        kernels.complete(
-            defect,
-            self.y,
-            self.w,
-            self.lo,
-            self.up,
-            self.z_lo,
-            self.z_up,
-            self.sigma,
-            self.inwards,
-            mu,
-            self.slopes,
-            limit.source,
-            limit.row,
-            limit.column,
-            size,
-            equal,
-            step.w,
-            step.y,
-            step.z_lo,
-            step.z_up,
-        )
+        kernels.complete(here, defect, *barrier, step)
         return step
 
-    def _barrier_error(self, mu: float) -> float:
-        dual, product, _, scale, scale_z, count = kernels.measure(
-            self.grad,
-            self.pull,
-            self.y,
-            self.w,
-            self.lo,
-            self.up,
-            self.z_lo,
-            self.z_up,
-            self.fixed,
-            self.size,
-            self.equal,
-            mu,
+    def _measured(self, mu: float) -> tuple[float, float, float, float]:
+        """Ipopt's scaled optimality error, largest dual residual, |z·slack − μ|, mean z·slack."""
+        dual, product, total, scale, scale_z, count = kernels.measure(
+            self.grad, self.pull, self._point(), self.box, mu
         )
-        return self._error(dual, product, scale, scale_z, count)
-
-    def _error(
-        self, dual: float, product: float, scale: float, scale_z: float, count: int
-    ) -> float:
-        """Ipopt's scaled optimality error."""
         many = _AVERAGE_MULTIPLIER
         by = max(many, scale / max(count + len(self.y), 1)) / many
         by_z = max(many, scale_z / max(count, 1)) / many
-        return float(max(dual / by, self.worst, product / by_z))
+        error = float(max(dual / by, self.worst, product / by_z))
+        return error, dual, product, total / max(count, 1)
 
     def _outcome(self, reason: Reason, iterations: int) -> Outcome:
         size = self.size

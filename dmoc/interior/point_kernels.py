@@ -1,28 +1,51 @@
 r"""Kernels of a primal-dual point: residuals, bounds, steps.
 
-w = (x, s) holds the variables and one slack per limit row, lo ≤ w ≤ up (infinite where there is no
-bound), z_lo, z_up ≥ 0 their multipliers, y = (momentum rows, limit rows). The rows are c(x) = 0 and
-d(x) − s = 0; limit rows without any bound are idle and left out everywhere. `size` is the length of
-x, `equal` the number of momentum rows. `defect` (rows,) holds c and d − s.
+The rows are c(x) = 0 and d(x) − s = 0; limit rows without any bound are idle and left out
+everywhere. `defect` (rows,) holds c and d − s; `cost` and `limit` are `Entries` of `frames`.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from dmoc.arrays import Array
 from dmoc.jit import njit
 
 # Multipliers of bounds stay within this factor of μ/slack.
 KEPT_FACTOR = 1e10
 
 
+class Point(NamedTuple):
+    """w = (x, s), the variables and one slack per limit row, y = (momentum rows, limit rows), and
+    z_lo, z_up ≥ 0, the multipliers of the bounds of w; also a step from one point to another."""
+
+    w: Array
+    y: Array
+    z_lo: Array
+    z_up: Array
+
+
+class Box(NamedTuple):
+    """lo ≤ w ≤ up (infinite where there is no bound), `fixed` (size,) variables without a step;
+    `size` is the length of x, `equal` the number of momentum rows."""
+
+    lo: Array
+    up: Array
+    fixed: Array
+    size: int
+    equal: int
+
+
 @njit
-def gather_rows(values, row, target, w, lo, up, size, equal, out):  # type: ignore[no-untyped-def]
+def gather_rows(values, row, target, w, box, out):  # type: ignore[no-untyped-def]
     """Objective, Σ|defect| and largest |defect|; `out` becomes the defect, 0 for idle rows.
 
     `values` are those of all copies of all blocks, `row` their rows (−1 the objective), `target`
     the right-hand side of the momentum rows.
     """
+    lo, up, _, size, equal = box
     total = 0.0
     for i in range(equal):
         out[i] = -target[i]
@@ -45,23 +68,21 @@ def gather_rows(values, row, target, w, lo, up, size, equal, out):  # type: igno
 
 
 @njit
-def gradients(  # type: ignore[no-untyped-def]
-    slopes, y, cost_source, cost_column, source, row, column, grad, pull
-):
+def gradients(slopes, y, cost, limit, grad, pull):  # type: ignore[no-untyped-def]
     """`grad` becomes ∇f; J_dᵀy of the limit rows is added to `pull`. `slopes` are nonzeros."""
     for i in range(grad.shape[0]):
         grad[i] = 0.0
-    for i in range(cost_source.shape[0]):
-        grad[cost_column[i]] += slopes[cost_source[i]]
-    for i in range(source.shape[0]):
-        pull[column[i]] += slopes[source[i]] * y[row[i]]
+    for i in range(cost.source.shape[0]):
+        grad[cost.column[i]] += slopes[cost.source[i]]
+    for i in range(limit.source.shape[0]):
+        pull[limit.column[i]] += slopes[limit.source[i]] * y[limit.row[i]]
 
 
 @njit
-def measure(  # type: ignore[no-untyped-def]
-    grad, pull, y, w, lo, up, z_lo, z_up, fixed, size, equal, mu
-):
+def measure(grad, pull, point, box, mu):  # type: ignore[no-untyped-def]
     """Largest dual residual and |z·slack − μ|, Σ z·slack, Σ|y| + Σz, Σz, number of bounds."""
+    w, y, z_lo, z_up = point
+    lo, up, fixed, size, equal = box
     dual, product, total, sum_y, sum_z = 0.0, 0.0, 0.0, 0.0, 0.0
     bounds = 0
     for i in range(w.shape[0]):
@@ -86,8 +107,9 @@ def measure(  # type: ignore[no-untyped-def]
 
 
 @njit
-def centring(w, lo, up, z_lo, z_up, sigma, inwards):  # type: ignore[no-untyped-def]
+def centring(point, lo, up, sigma, inwards):  # type: ignore[no-untyped-def]
     """`sigma` z_lo/(w − lo) + z_up/(up − w), `inwards` −1/(w − lo) + 1/(up − w)."""
+    w, _, z_lo, z_up = point
     for i in range(w.shape[0]):
         sigma[i] = 0.0
         inwards[i] = 0.0
@@ -103,53 +125,35 @@ def centring(w, lo, up, z_lo, z_up, sigma, inwards):  # type: ignore[no-untyped-
 
 @njit
 def right_hand_side(  # type: ignore[no-untyped-def]
-    grad, pull, y, defect, sigma, inwards, mu, slopes, source, row, column, size, equal, out
+    grad, pull, y, defect, sigma, inwards, mu, slopes, limit, box, out
 ):
     """Gradient of the condensed system, ∇f + Jᵀy + μ·inwards + J_dᵀ(Σ_s r_d + g_s), (size,).
 
     r_d = d − s and g_s = −y_d + μ·inwards.
     """
-    for i in range(size):
+    for i in range(box.size):
         out[i] = grad[i] + pull[i] + mu * inwards[i]
-    for i in range(source.shape[0]):
-        j = row[i]
-        s = size + j - equal
+    for i in range(limit.source.shape[0]):
+        j = limit.row[i]
+        s = box.size + j - box.equal
         if sigma[s] > 0.0:
             weight = sigma[s] * defect[j] - y[j] + mu * inwards[s]
-            out[column[i]] += slopes[source[i]] * weight
+            out[limit.column[i]] += slopes[limit.source[i]] * weight
 
 
 @njit
-def complete(  # type: ignore[no-untyped-def]
-    defect,
-    y,
-    w,
-    lo,
-    up,
-    z_lo,
-    z_up,
-    sigma,
-    inwards,
-    mu,
-    slopes,
-    source,
-    row,
-    column,
-    size,
-    equal,
-    dw,
-    dy,
-    dz_lo,
-    dz_up,
-):
-    """The rest of a step of which `dw[:size]` and `dy[:equal]` are known: slacks, the multipliers
+def complete(point, defect, sigma, inwards, mu, slopes, limit, box, step):  # type: ignore[no-untyped-def]
+    """The rest of a step whose first `size` w and `equal` y are known: slacks, the multipliers
     of their rows, and those of the bounds."""
+    w, y, z_lo, z_up = point
+    dw, dy, dz_lo, dz_up = step
+    lo, up, _, size, equal = box
     for i in range(size, w.shape[0]):
         dw[i] = 0.0
-    for i in range(source.shape[0]):
-        s = size + row[i] - equal
+    for i in range(limit.source.shape[0]):
+        s = size + limit.row[i] - equal
         if sigma[s] > 0.0:
-            dw[s] += slopes[source[i]] * dw[column[i]]
+            dw[s] += slopes[limit.source[i]] * dw[limit.column[i]]
     for s in range(size, w.shape[0]):
         j = equal + s - size
         dy[j] = 0.0
@@ -181,8 +185,10 @@ def bound_step(w, dw, lo, up, tau):  # type: ignore[no-untyped-def]
 
 
 @njit
-def multiplier_step(z_lo, z_up, dz_lo, dz_up, tau):  # type: ignore[no-untyped-def]
+def multiplier_step(point, step_of, tau):  # type: ignore[no-untyped-def]
     """The longest step ≤ 1 that keeps the share 1 − τ of every multiplier of a bound."""
+    _, _, z_lo, z_up = point
+    _, _, dz_lo, dz_up = step_of
     step = 1.0
     for i in range(z_lo.shape[0]):
         if dz_lo[i] < 0.0:
@@ -193,10 +199,10 @@ def multiplier_step(z_lo, z_up, dz_lo, dz_up, tau):  # type: ignore[no-untyped-d
 
 
 @njit
-def mean_product_after(  # type: ignore[no-untyped-def]
-    w, dw, lo, up, z_lo, z_up, dz_lo, dz_up, step, dual_step
-):
+def mean_product_after(point, step_of, lo, up, step, dual_step):  # type: ignore[no-untyped-def]
     """Mean of z·slack after a step."""
+    w, _, z_lo, z_up = point
+    dw, _, dz_lo, dz_up = step_of
     total, bounds = 0.0, 0
     for i in range(w.shape[0]):
         if lo[i] > -np.inf:

@@ -16,26 +16,41 @@ Multipliers come from the stationarity of the û_k and, at the end, of y (`end_k
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from dmoc.arrays import Array
 from dmoc.jit import njit
 
 # A pivot below this share of its diagonal is rounding and counts as not positive.
 SMALLEST_PIVOT = 1e-15
 
 
+class Factor(NamedTuple):
+    """`slopes` U (N, n, X), `gains` K (N, n, S), `chols` (N, n, n), `hux` (N, n, X), `huu`
+    (N, n, n)."""
+
+    slopes: Array
+    gains: Array
+    chols: Array
+    hux: Array
+    huu: Array
+
+
 @njit
 def factorise(  # type: ignore[no-untyped-def]
-    hess, rows, sigma, delta, fixed, first, n, slopes, gains, chols, hux, huu, frame, value, scratch
+    hess, rows, sigma, delta, fixed, first, n, factor_of, frame, value, scratch
 ):
     """Factor of stages m−1..0, m = `first`; the pivot of h, or a number ≤ 0 if the inertia is
     wrong.
 
     `hess` (N, F, F), `rows` (N+1, n, F), `sigma` (size,) and `delta` are added to the diagonal,
     `fixed` (size,) marks variables without a step; `value` (S, S) is the cost to go of the state of
-    stage m (see `end_kernels`). Outputs: `slopes` U (N, n, X), `gains` K (N, n, S), `chols`
-    (N, n, n), `hux` (N, n, X), `huu` (N, n, n). Workspace: `frame` (F, F), `scratch` (n, X).
+    stage m (see `end_kernels`). Output: `factor_of`, a `Factor`. Workspace: `frame` (F, F),
+    `scratch` (n, X).
     """
+    slopes, gains, chols, hux, huu = factor_of
     count, size_f = hess.shape[0], hess.shape[1]
     size_s, size_x = 3 * n + 1, 4 * n + 1
     step = (2 * count + 1) * n
@@ -135,22 +150,7 @@ def _eliminate_knot(frame, fixed, at, n, gain, chol, value):  # type: ignore[no-
 
 @njit
 def solve(  # type: ignore[no-untyped-def]
-    rows,
-    gradient,
-    defect,
-    pivot_h,
-    fixed,
-    first,
-    n,
-    slopes,
-    gains,
-    chols,
-    hux,
-    huu,
-    push,
-    known,
-    x,
-    lam,
+    rows, gradient, defect, pivot_h, fixed, first, n, factor_of, push, known, x, lam
 ):
     """x up to knot m = `first` and multipliers `lam` (N+1, n) of rows 0..m−1 for `gradient` g
     (size,) and `defect` c (N+1, n).
@@ -158,6 +158,7 @@ def solve(  # type: ignore[no-untyped-def]
     `known` (3, F): row 1 is the gradient of the cost to go of stage m on entry, row 2 its state at
     the end. Workspace: `push` (3, N, n) for û's gradient, the feed-forward of c and u_0.
     """
+    slopes, gains, chols, hux, huu = factor_of
     count, size_f = slopes.shape[0], 5 * n + 1
     size_s, size_x = 3 * n + 1, 4 * n + 1
     step = (2 * count + 1) * n

@@ -11,9 +11,9 @@ from dmoc.interior.assembly_kernels import (
     place_hessian,
     place_rows,
 )
-from dmoc.interior.end_kernels import factorise_end, finish_end, start_from_end
+from dmoc.interior.end_kernels import End, factorise_end, finish_end, start_from_end
 from dmoc.interior.frames import Frames, places_of_end
-from dmoc.interior.riccati_kernels import factorise, solve
+from dmoc.interior.riccati_kernels import Factor, factorise, solve
 
 FIRST_SHIFT = 1e-4
 SMALLEST_SHIFT = 1e-20
@@ -36,14 +36,14 @@ class NewtonSystem:
         self.shift = 0.0
         self._place = places_of_end(count, n, last_free)
         self._first = last_free - 1
-        self._factor = (
+        self._factor = Factor(
             np.zeros((count, n, wide)),
             np.zeros((count, n, state)),
             np.zeros((count, n, n)),
             np.zeros((count, n, wide)),
             np.zeros((count, n, n)),
         )
-        self._end = (
+        self._end = End(
             np.zeros((many, many)),
             np.zeros(many, dtype=np.int64),
             np.zeros((many, state)),
@@ -82,14 +82,13 @@ class NewtonSystem:
         self._add_limits(slopes, weight)
 
     def _add_limits(self, slopes: Array, weight: Array) -> None:
-        limit = self.frames.limit
+        frames, limit = self.frames, self.frames.limit
         if len(weight):
             add_limits(
                 slopes,
-                limit.source,
-                limit.target,
-                self.frames.limit_start,
-                self.frames.limit_stage,
+                limit,
+                frames.limit_start,
+                frames.limit_stage,
                 weight,
                 self._dense,
                 self.hess,
@@ -112,7 +111,7 @@ class NewtonSystem:
                 self._place,
                 n,
                 self._first,
-                *self._end,
+                self._end,
                 self._value,
                 self._end_scratch,
             ):
@@ -125,7 +124,7 @@ class NewtonSystem:
                 fixed,
                 self._first,
                 n,
-                *self._factor,
+                self._factor,
                 self._frame,
                 self._value,
                 self._scratch,
@@ -149,20 +148,11 @@ class NewtonSystem:
         frames, n, first = self.frames, self.frames.num_joints, self._first
         x, lam = np.empty(frames.size), np.empty((frames.num_intervals + 1, n))
         defect = defect.reshape(lam.shape)
-        start_from_end(gradient, defect, n, first, *self._end, self._end_known, self._known)
+        end, known = (self._end, self._end_known, self._known), self._known
+        start_from_end(gradient, defect, n, first, *end)
+        pivot, fixed, factor = self._pivot, self._fixed, self._factor
         solve(
-            self.rows,
-            gradient,
-            defect,
-            self._pivot,
-            self._fixed,
-            first,
-            n,
-            *self._factor,
-            self._push,
-            self._known,
-            x,
-            lam,
+            self.rows, gradient, defect, pivot, fixed, first, n, factor, self._push, known, x, lam
         )
-        finish_end(n, first, *self._end, self._end_known, self._known, x, lam)
+        finish_end(n, first, *end, x, lam)
         return x, lam.reshape(-1)

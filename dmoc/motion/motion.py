@@ -16,6 +16,8 @@ from dmoc.motion.trajectory import JointPath, JointTrajectory
 from dmoc.robot.robot import Robot
 
 NO_LIMITS = MotionLimits()
+#: A motion that costs more or less than it states by more than this share is called coarse.
+LARGEST_COST_GAP = 0.01
 
 
 @dataclass(frozen=True)
@@ -145,14 +147,15 @@ class Replay:
 class Motion:
     """What a solve found.
 
-    `cost` is the problem's cost on the knots without smoothing, `smoothing_cost` the smoothing
-    term; `max_defect` the largest residual of the discrete Euler–Lagrange equations as a fraction
-    of h·u_max (None for a fallback, which reports its inverse-dynamics error as
-    `replay_error_rad`); `replay_error_rad` the largest joint error over 4-interval windows of an
-    independent simulation; `certified`, `min_clearance_m` (the smallest distance met) and
-    `proven_clearance_m` (what nothing undercuts between the knots either, at most the clearance
-    that was asked for) come from the certificate and are None where nobody asked for one. CPU time
-    is reported beside a motion, never in it.
+    `cost` is the problem's cost as the discrete equations state it, without smoothing,
+    `smoothing_cost` the smoothing term, `executed_cost` the integral along the executed curve with
+    the torques that it needs (`trajectory_cost`; None where nobody asked for it); `max_defect` the
+    largest residual of the discrete Euler–Lagrange equations as a fraction of h·u_max (None for a
+    fallback, which reports its inverse-dynamics error as `replay_error_rad`); `replay_error_rad`
+    the largest joint error over 4-interval windows of an independent simulation; `certified`,
+    `min_clearance_m` (the smallest distance met) and `proven_clearance_m` (what nothing undercuts
+    between the knots either, at most the clearance that was asked for) come from the certificate
+    and are None where nobody asked for one. CPU time is reported beside a motion, never in it.
 
     Who made it, each empty where nobody said: `solver` (`ipopt`, `structured`; `none` for a
     time-scaled path), `planner` of the path it started from (`ompl`, `compiled`; `none` where no
@@ -175,6 +178,21 @@ class Motion:
     solver: str = ""
     planner: str = ""
     method: str = ""
+    executed_cost: float | None = None
+
+    @property
+    def cost_gap(self) -> float | None:
+        """Executed over stated cost, less one; above `LARGEST_COST_GAP` the status is `coarse`."""
+        if self.executed_cost is None or not 0 < abs(self.cost) < float("inf"):
+            return None
+        return (self.executed_cost - self.cost) / abs(self.cost)
+
+    def judged(self, executed_cost: float) -> Motion:
+        """This motion with its executed cost, and `coarse` where that is not what it states."""
+        judged = replace(self, executed_cost=executed_cost)
+        gap = judged.cost_gap
+        coarse = self.status.ok and gap is not None and abs(gap) > LARGEST_COST_GAP
+        return replace(judged, status=Status.COARSE) if coarse else judged
 
     @property
     def duration_s(self) -> float:

@@ -10,6 +10,7 @@ class Status(StrEnum):
 
     CONVERGED = "converged"
     ACCEPTABLE = "acceptable"
+    COARSE = "coarse"
     INFEASIBLE = "infeasible"
     NO_PATH = "no_path"
     IN_COLLISION = "in_collision"
@@ -21,7 +22,7 @@ class Status(StrEnum):
     @property
     def ok(self) -> bool:
         """True when the motion may be used."""
-        return self in (Status.CONVERGED, Status.ACCEPTABLE)
+        return self in (Status.CONVERGED, Status.ACCEPTABLE, Status.COARSE)
 
     @property
     def advice(self) -> str:
@@ -33,6 +34,8 @@ _ADVICE: dict[Status, str] = {
     Status.CONVERGED: "The motion is a local optimum within the tolerances; use it.",
     Status.ACCEPTABLE: "The motion meets the looser acceptable tolerances; tighten them or add "
     "iterations if the last digits matter.",
+    Status.COARSE: "An optimum of the discrete problem whose executed curve costs over 1 % more or "
+    "less than stated: raise the number of intervals; the limits hold as they are.",
     Status.INFEASIBLE: "No motion satisfies all limits: check that torque limits hold the arm at "
     "both ends, that the ends lie within the joint limits, and that a fixed duration is not too "
     "short.",

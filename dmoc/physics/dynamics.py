@@ -240,10 +240,11 @@ def _wrench_in_body(arm: ArmModel, turns: list[Any], wrench: Any) -> tuple[Any, 
     return force, moment + _cross(_column(arm.wrench_point_m), force)
 
 
-def inverse_dynamics(arm: ArmModel, q: Any, v: Any, a: Any) -> Any:
+def inverse_dynamics(arm: ArmModel, q: Any, v: Any, a: Any, wrench: Any = None) -> Any:
     """τ (n, 1) [N·m] of the recursive Newton–Euler algorithm, armature included.
 
-    `q`, `v`, `a` are CasADi columns (n, 1). Source: Featherstone, Rigid Body Dynamics Algorithms,
+    `q`, `v`, `a` are CasADi columns (n, 1); what an external `wrench` (6, 1) gives already (see
+    `lagrangian_gradients`) is not in τ. Source: Featherstone, Rigid Body Dynamics Algorithms,
     table 5.1; gravity enters as an acceleration of the base.
     """
     n = arm.num_joints
@@ -280,6 +281,10 @@ def inverse_dynamics(arm: ArmModel, q: Any, v: Any, a: Any) -> Any:
             + _cross(w[i], ca.mtimes(inertia, w[i]))
             + _cross(first, acc[i])
         )
+    if wrench is not None:
+        f, m = _wrench_in_body(arm, turns, wrench)
+        force[arm.wrench_joint] -= f
+        moment[arm.wrench_joint] -= m
     tau: list[Any] = [None] * n
     for i in reversed(range(n)):
         joint, axis = arm.joints[i], _column(arm.joints[i].axis)

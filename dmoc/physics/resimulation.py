@@ -43,6 +43,8 @@ def replay_motion(
 
     `cost` prices the interpolant (default `Cost()`); `wrench` (6,) and `end_cost` are the
     problem's, if it had any: then the price agrees with `motion.cost` to second order in the step.
+    Where `cost` is given the motion is judged by that price: `executed_cost`, and the status
+    `coarse` where it is not what the motion states.
     Errors: `ProblemError` when the motion has no trajectory or the trajectory no robot.
     """
     trajectory = motion.trajectory
@@ -78,7 +80,8 @@ def replay_motion(
         open_loop_error_rad=float(np.max(np.abs(free[-1] - trajectory.q_rad[-1]))),
         cost=trajectory_cost(trajectory, robot, cost or Cost(), wrench, end_cost),
     )
-    return motion.replace(replay=replay, replay_error_rad=float(replay.window_error_rad.max()))
+    judged = motion if cost is None else motion.judged(replay.cost)
+    return judged.replace(replay=replay, replay_error_rad=float(replay.window_error_rad.max()))
 
 
 def simulate_open_loop(

@@ -7,6 +7,7 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.motion.constraints import EndCost
 from dmoc.motion.cost import Cost, ElectricalCost
+from dmoc.motion.motion import MotionProblem
 from dmoc.motion.trajectory import JointTrajectory, inverse_dynamics
 from dmoc.physics.state import wrench_torque
 from dmoc.robot.drive import drive_from_mapping, electrical_power_w
@@ -28,7 +29,7 @@ def cost_rate(
     """The integrand of J (K,) for rows of q, q̇, q̈, u (K, n).
 
     An electrical cost is taken with its own `friction_smoothing_rad_s`, as it is minimised; the
-    joules of the exact loss model are `dmoc.drive.electrical_power_w` without smoothing.
+    joules of the exact loss model are `dmoc.robot.drive.electrical_power_w` without smoothing.
     """
     rate = cost.time + cost.velocity * np.sum(velocity_rad_s**2, axis=1)
     if isinstance(cost, Cost):
@@ -66,3 +67,10 @@ def trajectory_cost(
         last = trajectory.q_rad[-1], trajectory.velocity_rad_s[-1], trajectory.duration_s
         total += float(end_cost.function(*last))
     return total
+
+
+def executed_cost(problem: MotionProblem, trajectory: JointTrajectory) -> float:
+    """`trajectory_cost` of a motion of `problem`, its wrench and end cost included."""
+    return trajectory_cost(
+        trajectory, problem.robot, problem.cost, problem.wrench, problem.limits.end_cost
+    )

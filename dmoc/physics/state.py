@@ -46,7 +46,7 @@ def residuals(problem: MotionProblem, q: Array, torque: Array, h: float) -> tupl
 def wrench_torque(robot: Robot, q: Array, wrench: Array) -> Array:
     """Jᵀw (n,) [N·m] of a force and moment (6,) on the tool tip, in world axes."""
     data = robot.model.createData()
-    frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+    frame = robot.model.frames[robot.flange_id]
     pin.computeJointJacobians(robot.model, data, np.asarray(q))
     joint = frame.parentJoint
     jacobian = pin.getJointJacobian(robot.model, data, joint, pin.LOCAL_WORLD_ALIGNED)

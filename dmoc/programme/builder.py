@@ -18,13 +18,15 @@ from dmoc.motion.motion import MotionProblem
 from dmoc.physics.dynamics import ArmModel, arm_model
 from dmoc.programme import limit_stages as limits
 from dmoc.programme.codegen import Backend, StageSet
-from dmoc.programme.stages import (
-    Stage,
-    dynamics_stage,
-    electrical_stage,
-    matrix_stage,
-    quadratic_stage,
+from dmoc.programme.cost_stages import (
+    Rate,
+    electrical_rate,
+    matrix_rate,
+    midpoint_cost_stage,
+    quadratic_rate,
+    spread_cost_stage,
 )
+from dmoc.programme.stages import Stage, dynamics_stage
 from dmoc.programme.transcription import Block, Index, Layout, Programme, assemble
 from dmoc.robot.drive import drive_from_mapping
 from dmoc.robot.robot import Robot
@@ -76,7 +78,7 @@ class MotionProgramme:
 def arm_of(robot: Robot) -> ArmModel:
     """The numbers of the robot's dynamics, kept per fingerprint; wrenches act at the tool tip."""
     if robot.fingerprint not in _ARMS:
-        frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+        frame = robot.model.frames[robot.flange_id]
         tip = (frame.placement * robot.tool.tip).translation
         _ARMS[robot.fingerprint] = arm_model(robot.model, int(frame.parentJoint) - 1, tip)
     return _ARMS[robot.fingerprint]
@@ -101,7 +103,8 @@ def stages_of(problem: MotionProblem) -> tuple[tuple[Any, ...], StageSet]:
     drive = ""
     if not isinstance(cost, Cost):
         drive = repr((sorted(robot.drive.items()), cost.friction_smoothing_rad_s))
-    physics = (robot.fingerprint, kind, drive, problem.wrench is not None)
+    spread = cost.kappa > 0
+    physics = (robot.fingerprint, kind, drive, spread, problem.wrench is not None)
     if physics not in _STAGES:
         dynamics = dynamics_stage(arm_of(robot), problem.wrench is not None)
         _STAGES[physics] = StageSet((dynamics, _cost_stage(problem)))
@@ -109,9 +112,16 @@ def stages_of(problem: MotionProblem) -> tuple[tuple[Any, ...], StageSet]:
 
 
 def _cost_stage(problem: MotionProblem) -> Stage:
+    rate = _cost_rate(problem)
+    if problem.cost.kappa == 0:
+        return midpoint_cost_stage(problem.robot.num_joints, rate)
+    return spread_cost_stage(arm_of(problem.robot), rate, problem.wrench is not None)
+
+
+def _cost_rate(problem: MotionProblem) -> Rate:
     n, cost = problem.robot.num_joints, problem.cost
     if isinstance(cost, Cost):
-        return matrix_stage(n) if cost.has_matrices else quadratic_stage(n)
+        return matrix_rate(n) if cost.has_matrices else quadratic_rate()
     drive = drive_from_mapping(problem.robot.drive, n)
     if np.any(drive.extra_inertia_kg_m2):
         raise ProblemError(
@@ -123,7 +133,7 @@ def _cost_stage(problem: MotionProblem) -> Stage:
                 fix="count it in armature_kg_m2, where the dynamics see it",
             )
         )
-    return electrical_stage(n, drive, cost.friction_smoothing_rad_s)
+    return electrical_rate(n, drive, cost.friction_smoothing_rad_s)
 
 
 class Places:
@@ -192,14 +202,22 @@ class Builder:
         if self.problem.wrench is not None:
             theta = np.concatenate([theta, self.params.take("wrench", 6)])
         self._add(dynamics, intervals, theta, np.hstack([momentum[:-1], momentum[1:]]))
-        weights = self.params.take("weights", cost.num_params - self.n)
-        self._add(cost, intervals, np.concatenate([weights, self._param("u_max")]), None)
+        self._add(cost, intervals, self._cost_params(), None)
         pairs = np.hstack([torques[:-1], torques[1:]])
         self._add(limits.smoothing_stage(self.n), pairs, self.params.take("smoothing", 1), None)
         if self.layout.end_velocity:
             arm = arm_of(self.problem.robot)
             last = np.concatenate([self.layout.knots()[-1], self.layout.last_velocity()])[None]
             self._add(limits.end_momentum_stage(arm), last, self._param("scale"), momentum[-1:])
+
+    def _cost_params(self) -> Index:
+        """(weights, u_max), and the wrench where the cost depends on accelerations."""
+        cost = self.problem.cost
+        weights = self.params.take("weights", len(cost.weights(self.n)))
+        theta = np.concatenate([weights, self._param("u_max")])
+        if cost.kappa > 0 and self.problem.wrench is not None:
+            theta = np.concatenate([theta, self.params.take("wrench", 6)])
+        return theta
 
     def _pairs(self) -> Index:
         knots = self.layout.knots()

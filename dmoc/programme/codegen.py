@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -37,10 +38,13 @@ SOLVES_BEFORE_COMPILING = 3
 
 @dataclass
 class StageSet:
-    """The stages of one robot and cost and the state of their library in this process."""
+    """The stages of one robot and cost and the state of their libraries in this process.
+
+    Every stage has a library of its own: the dynamics serve every cost.
+    """
 
     stages: tuple[Stage, ...]
-    library: Library | None = None
+    libraries: tuple[Library, ...] = ()
     compiled: tuple[Stage, ...] | None = None
     uses: int = 0
     started: bool = False
@@ -58,22 +62,24 @@ class StageSet:
 
     def _advance(self, wait: bool) -> None:
         self.uses += 1
-        if self.library is None:
-            self.library = library_for([part for stage in self.stages for part in stage.parts])
+        if not self.libraries:
+            self.libraries = tuple(library_for(stage.parts) for stage in self.stages)
         if self._load():
             return
         if not self.started and (wait or self.uses > SOLVES_BEFORE_COMPILING):
             self.started = True
-            self.library.start(wait)
+            start_libraries([item for item in self.libraries if item.load() is None], wait)
             if wait:
                 self._load()
 
     def _load(self) -> bool:
-        functions = None if self.library is None else self.library.load()
-        if functions is None:
+        found = [library.load() for library in self.libraries]
+        if any(parts is None for parts in found):
             return False
         self.compiled = tuple(
-            replace(stage, parts=_three(functions, 3 * i)) for i, stage in enumerate(self.stages)
+            replace(stage, parts=(parts[0], parts[1], parts[2]))
+            for stage, parts in zip(self.stages, found)
+            if parts is not None
         )
         return True
 
@@ -84,12 +90,6 @@ class Backend:
 
     name: str
     stages: tuple[Stage, ...]
-
-
-def _three(
-    functions: tuple[ca.Function, ...], at: int
-) -> tuple[ca.Function, ca.Function, ca.Function]:
-    return functions[at], functions[at + 1], functions[at + 2]
 
 
 FLAGS = ("-O1", "-fPIC", "-shared", "-ffp-contract=off")
@@ -117,8 +117,8 @@ class Library:
     path: Path
 
     def ready(self) -> bool:
-        """Whether the compiled form is on disk."""
-        return self.path.is_file() and _seal(self.path).is_file()
+        """Whether the compiled form is on disk, where nobody else can have put it."""
+        return all(_is_ours(path) for path in (self.path.parent, self.path, _seal(self.path)))
 
     def load(self) -> tuple[ca.Function, ...] | None:
         """The compiled functions, or None if they are missing, damaged or of another machine."""
@@ -130,28 +130,34 @@ class Library:
             return None
 
     def start(self, wait: bool) -> None:
-        """Compile, in this process if `wait`, else in one of its own that may outlive this one."""
-        compiler = find_compiler()
-        folder = self.path.parent
+        """`start_libraries` of this one."""
+        start_libraries((self,), wait)
+
+
+def start_libraries(libraries: Sequence[Library], wait: bool) -> None:
+    """Compile side by side, for this process if `wait`, else in others that may outlive it."""
+    compiler = find_compiler()
+    jobs = []
+    for library in libraries:
+        folder = library.path.parent
         if compiler is None or not _make_folder(folder):
             return
-        source = _write_source(self.functions, folder)
-        if source is None:
-            return
-        if wait:
-            compile_library(source, self.path, compiler)
-            return
-        command = [
-            sys.executable,
-            "-m",
-            "dmoc.programme.codegen",
-            str(source),
-            str(self.path),
-            compiler,
-        ]
-        quiet = subprocess.DEVNULL
+        source = _write_source(library.functions, folder)
+        if source is not None:
+            jobs.append((source, library.path, compiler))
+    if wait and jobs:
+        with ThreadPoolExecutor(len(jobs)) as pool:
+            list(pool.map(lambda job: compile_library(*job), jobs))
+        return
+    quiet = subprocess.DEVNULL
+    for job in jobs:
         subprocess.Popen(
-            command, stdin=quiet, stdout=quiet, stderr=quiet, start_new_session=True, close_fds=True
+            [sys.executable, "-m", "dmoc.programme.codegen", *map(str, job)],
+            stdin=quiet,
+            stdout=quiet,
+            stderr=quiet,
+            start_new_session=True,
+            close_fds=True,
         )
 
 
@@ -207,7 +213,7 @@ def backend_report() -> BackendReport:
         backend_mode(),
         find_compiler(),
         folder,
-        os.access(nearest, os.W_OK),
+        os.access(nearest, os.W_OK) and (nearest != folder or _is_ours(folder)),
         len(list(folder.glob("*.so"))) if folder.is_dir() else 0,
     )
 
@@ -223,7 +229,9 @@ def compile_library(source: Path, target: Path, compiler: str) -> bool:
         except BlockingIOError:
             source.unlink(missing_ok=True)
             return False
-        handle, name = tempfile.mkstemp(suffix=".tmp", dir=target.parent)
+        for left in target.parent.glob(f"{target.stem}.*.tmp"):
+            left.unlink(missing_ok=True)  # of a compiler that was killed
+        handle, name = tempfile.mkstemp(".tmp", f"{target.stem}.", target.parent)
         os.close(handle)
         fresh = Path(name)
         command = [compiler, *FLAGS, "-o", str(fresh), str(source), "-lm"]
@@ -233,9 +241,11 @@ def compile_library(source: Path, target: Path, compiler: str) -> bool:
             )
             if done.returncode == 0:
                 seal = hashlib.sha256(fresh.read_bytes()).hexdigest()
+                os.chmod(fresh, 0o600)  # whatever the umask leaves to others
                 os.replace(fresh, target)
                 draft = fresh.with_suffix(".seal")
                 draft.write_text(seal)
+                os.chmod(draft, 0o600)
                 os.replace(draft, _seal(target))
             return done.returncode == 0
         except (subprocess.TimeoutExpired, OSError):
@@ -249,6 +259,15 @@ def _seal(path: Path) -> Path:
     return path.with_suffix(".sha256")
 
 
+def _is_ours(path: Path) -> bool:
+    """Whether a file or folder is this user's and nobody else can write it: its code is run."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return False
+    return found.st_uid == os.geteuid() and not found.st_mode & 0o022 and not path.is_symlink()
+
+
 def _is_sound(path: Path) -> bool:
     """Whether the library is byte for byte what the compiler wrote; loading half of one crashes."""
     try:
@@ -259,10 +278,10 @@ def _is_sound(path: Path) -> bool:
 
 def _make_folder(folder: Path) -> bool:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError:
         return False
-    return os.access(folder, os.W_OK)
+    return os.access(folder, os.W_OK) and _is_ours(folder)
 
 
 def _write_source(functions: tuple[ca.Function, ...], folder: Path) -> Path | None:

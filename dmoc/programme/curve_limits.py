@@ -27,6 +27,8 @@ from dmoc.robot.robot import Robot
 
 # The curve may exceed a limit by this share; the promise made to users is 1 %.
 CURVE_SLACK = 0.005
+# Nor may it leave the range of a joint by more [rad].
+POSITION_SLACK_RAD = 1e-5
 # More than this is never taken off a limit.
 _MOST_MARGIN = 0.3
 # Nor more than this on the word of a solution that breaks the limits.
@@ -79,12 +81,14 @@ class Lag:
 class Margins:
     """Bounds of the rows: a lag, and `brake` (N, n), `slow` (N−1, n) taken off the limits.
 
+    `inside` (2, N+1, n) [rad] is taken off the lower and the upper ends of the joints' ranges.
     `mobility` (N−1, n, n) is M⁻¹ at the inner knots, None where no rows need it.
     """
 
     lag: Lag
     brake: Array
     slow: Array
+    inside: Array
     mobility: Array | None = None
 
     @property
@@ -105,6 +109,40 @@ class Margins:
         return replace(
             self, brake=self.brake + np.maximum(curve.hardest - 1.0, 0.0), slow=self.slow + beyond
         )
+
+
+def no_margins(lag: Lag) -> Margins:
+    """The limits themselves."""
+    count, n = lag.slope.shape
+    return Margins(
+        lag, np.zeros_like(lag.slope), np.zeros_like(lag.velocity), np.zeros((2, count + 1, n))
+    )
+
+
+def excess_of(robot: Robot, q_rad: Array, velocity_rad_s: Array, h: float) -> Array:
+    """How far [rad] the curve leaves the joints' ranges, (2, N, n): below and above."""
+    q0, d = q_rad[:-1], np.diff(q_rad, axis=0)
+    v0, v1 = h * velocity_rad_s[:-1], h * velocity_rad_s[1:]
+    c2, c3 = 3 * d - 2 * v0 - v1, v0 + v1 - 2 * d
+    # Where q̇ = v0 + 2 c2 s + 3 c3 s² is zero; the stable form of both roots.
+    root = np.sqrt(np.maximum(c2 * c2 - 3 * c3 * v0, 0.0))
+    sum_ = -(c2 + np.where(c2 < 0, -root, root))
+    low, high = np.minimum(q_rad[:-1], q_rad[1:]), np.maximum(q_rad[:-1], q_rad[1:])
+    for top, bottom in ((sum_, 3 * c3), (v0, sum_)):
+        share = np.divide(top, bottom, out=np.zeros_like(top), where=bottom != 0.0)
+        s = np.clip(share, 0.0, 1.0)
+        q = q0 + s * (v0 + s * (c2 + s * c3))
+        low, high = np.minimum(low, q), np.maximum(high, q)
+    return np.stack([robot.q_lower_rad - low, high - robot.q_upper_rad])
+
+
+def moved_inside(inside: Array, excess: Array) -> Array:
+    """`inside` and what the curve beside each knot still has in excess."""
+    more = np.maximum(excess, 0.0)
+    grown = np.array(inside)
+    grown[:, :-1] += more
+    grown[:, 1:] = np.maximum(grown[:, 1:], inside[:, 1:] + more)
+    return grown
 
 
 def no_lag(num_intervals: int, num_joints: int) -> Lag:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from dmoc.arrays import Array, joint_vector
-from dmoc.motion.cost import Cost
 from dmoc.motion.motion import MotionProblem
 from dmoc.physics.state import mass_matrices
 from dmoc.programme.builder import MotionProgramme
@@ -76,11 +75,15 @@ def knot_bounds(problem: MotionProblem, box: Box | None) -> tuple[Array, Array]:
 
 
 def variable_bounds(
-    problem: MotionProblem, motion: MotionProgramme, box: Box | None
+    problem: MotionProblem, motion: MotionProgramme, box: Box | None, inside: Array
 ) -> tuple[Array, Array]:
-    """Bounds of x."""
+    """Bounds of x, those of the free knots by `inside` (2, N+1, n) [rad] within the ranges."""
     layout, count = motion.layout, problem.num_intervals
     lower, upper = knot_bounds(problem, box)
+    robot, free = problem.robot, lower < upper
+    # Never past the other bound: a box or a short range keeps what it has.
+    lower = np.where(free, np.clip(robot.q_lower_rad + inside[0], lower, upper), lower)
+    upper = np.where(free, np.clip(robot.q_upper_rad - inside[1], lower, upper), upper)
     h = step_bounds(problem)
     one = np.ones((count, problem.robot.num_joints))
     goal_velocity = np.asarray(problem.goal_velocity_rad_s)
@@ -179,8 +182,8 @@ def parameters(
     values = {
         "scale": 1.0 / (ROW_TIME_S * u_max),
         "u_max": u_max,
-        "weights": cost_weights(problem),
-        "smoothing": problem.cost.torque_smoothing,
+        "weights": problem.cost.weights(n),
+        "smoothing": problem.cost.smoothing,
         "v_max": robot.velocity_limit_rad_s,
         "a_max": robot.acceleration_limit_rad_s2,
         "v_start": problem.start_velocity_rad_s,
@@ -204,16 +207,3 @@ def parameters(
         values["stall_share"] = u_max / (one * np.asarray(limits.torque_speed.stall_torque_nm))
         values["no_load"] = one * np.asarray(limits.torque_speed.no_load_speed_rad_s)
     return motion.pack(**values)
-
-
-def cost_weights(problem: MotionProblem) -> Array:
-    """θ of the cost stage without u_max."""
-    cost, n = problem.cost, problem.robot.num_joints
-    if not isinstance(cost, Cost):
-        return np.array([cost.time, cost.energy, cost.velocity])
-    weights = np.array([cost.time, cost.effort, cost.velocity])
-    if not cost.has_matrices:
-        return weights
-    state = np.zeros((2 * n, 2 * n)) if cost.state_matrix is None else np.array(cost.state_matrix)
-    torque = np.zeros((n, n)) if cost.torque_matrix is None else np.array(cost.torque_matrix)
-    return np.concatenate([weights, state.ravel(), torque.ravel()])

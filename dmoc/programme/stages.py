@@ -18,7 +18,6 @@ import casadi as ca
 
 from dmoc.physics.discrete import del_rows, del_rows_hessian, del_rows_jacobian, midpoint
 from dmoc.physics.dynamics import ArmModel
-from dmoc.robot.drive import DriveParams, electrical_power_w
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,8 @@ class Stage:
         return int(self.parts[0].size1_in(1))
 
 
-def _stage(name: str, z: Any, theta: Any, lam: Any, rows: Any, jac: Any, hess: Any) -> Stage:
+def make_stage(name: str, z: Any, theta: Any, lam: Any, rows: Any, jac: Any, hess: Any) -> Stage:
+    """A stage from SX expressions of its rows and their derivatives."""
     rows = ca.densify(rows)
     hess = ca.triu(hess)
     options = {"cse": True}
@@ -67,7 +67,7 @@ def expression_stage(name: str, z: Any, theta: Any, rows: Any) -> Stage:
     rows = ca.densify(rows)
     lam = ca.SX.sym("lam", rows.size1())
     hess = ca.hessian(ca.dot(lam, rows), z)[0]
-    return _stage(name, z, theta, lam, rows, ca.jacobian(rows, z), hess)
+    return make_stage(name, z, theta, lam, rows, ca.jacobian(rows, z), hess)
 
 
 def local_interval(n: int) -> tuple[Any, Any, Any, Any, Any]:
@@ -92,43 +92,4 @@ def dynamics_stage(arm: ArmModel, with_wrench: bool) -> Stage:
     hess = del_rows_hessian(arm, u_max, h, scale, lam, q, v, wrench)
     at = midpoint(qa, qb, h)
     jac, hess = ca.substitute([jac, hess], [q, v], list(at))
-    return _stage("dynamics", z, theta, lam, rows, jac, hess)
-
-
-def quadratic_stage(n: int) -> Stage:
-    """h (c_t + c_e uᵀu + c_v vᵀv) of one interval; θ = (c_t, c_e, c_v, u_max n)."""
-    z, qa, qb, u, h = local_interval(n)
-    weights, u_max = ca.SX.sym("w", 3), ca.SX.sym("u_max", n)
-    _, v = midpoint(qa, qb, h)
-    torque = u * u_max
-    rate = weights[0] + weights[1] * ca.sumsqr(torque) + weights[2] * ca.sumsqr(v)
-    return expression_stage("cost", z, ca.vertcat(weights, u_max), h * rate)
-
-
-def matrix_stage(n: int) -> Stage:
-    """`quadratic_stage` plus h (xᵀQx + uᵀRu), x = (q, v) at the midpoint.
-
-    θ = (c_t, c_e, c_v, Q column by column, R column by column, u_max n).
-    """
-    z, qa, qb, u, h = local_interval(n)
-    weights, u_max = ca.SX.sym("w", 3), ca.SX.sym("u_max", n)
-    state, effort = ca.SX.sym("Q", 2 * n, 2 * n), ca.SX.sym("R", n, n)
-    x, torque = ca.vertcat(*midpoint(qa, qb, h)), u * u_max
-    rate = weights[0] + weights[1] * ca.sumsqr(torque) + weights[2] * ca.sumsqr(x[n:])
-    rate += ca.bilin(state, x, x) + ca.bilin(effort, torque, torque)
-    theta = ca.vertcat(weights, ca.vec(state), ca.vec(effort), u_max)
-    return expression_stage("cost", z, theta, h * rate)
-
-
-def electrical_stage(n: int, drive: DriveParams, smoothing_rad_s: float) -> Stage:
-    """h (c_t + c_j P_el + c_v vᵀv) of one interval; θ = (c_t, c_j, c_v, u_max n).
-
-    P_el [W] is the sum of `electrical_power_w` over the axes, friction smoothed below
-    `smoothing_rad_s`.
-    """
-    z, qa, qb, u, h = local_interval(n)
-    weights, u_max = ca.SX.sym("w", 3), ca.SX.sym("u_max", n)
-    _, v = midpoint(qa, qb, h)
-    power = electrical_power_w(v, ca.SX.zeros(n), u * u_max, drive, smoothing_rad_s)
-    rate = weights[0] + weights[1] * ca.sum1(power) + weights[2] * ca.sumsqr(v)
-    return expression_stage("cost", z, ca.vertcat(weights, u_max), h * rate)
+    return make_stage("dynamics", z, theta, lam, rows, jac, hess)

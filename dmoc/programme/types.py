@@ -9,46 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
 from dmoc.motion.status import Status
-
-SOLVERS = ("ipopt", "structured")
-
-
-@dataclass(frozen=True)
-class SolveParams:
-    """Options of a solve. `tolerance` is Ipopt's `tol` on the scaled problem.
-
-    With `limit_curve` speed and acceleration limits hold on the whole executed curve (to 1 %), else
-    only for differences of the knots. What the curve does beyond its rows is known only afterwards:
-    up to `curve_corrections` further solves take it in; with 0 the next warm start does.
-    `solver` is `ipopt`, or `structured`, our own interior-point method (`dmoc.interior`), which
-    finds the same optima several times faster and hands on to Ipopt what does not fit it (jerk, RMS
-    torque, conditions on the end, rows with equal bounds) or where it gets stuck.
-    """
-
-    tolerance: float = 1e-6
-    acceptable_tolerance: float = 1e-4
-    acceptable_iterations: int = 15
-    max_iterations: int = 300
-    limit_curve: bool = True
-    curve_corrections: int = 5
-    solver: str = "ipopt"
-
-    def __post_init__(self) -> None:
-        if self.solver not in SOLVERS:
-            raise ProblemError(
-                Fault(
-                    "solver",
-                    field="params.solver",
-                    value=self.solver,
-                    legal=", ".join(SOLVERS),
-                    fix="leave it out",
-                )
-            )
-
-
-DEFAULT_PARAMS = SolveParams()
 
 
 @dataclass(frozen=True)
@@ -86,6 +47,8 @@ class Guess:
 @dataclass(frozen=True)
 class NlpSolution:
     """Where it ended. `multipliers` is opaque and only fed back through `Guess`.
+
+    `cost` is J as `Cost.transcription` says that it is reported, without smoothing.
 
     `solver` is the one that found it: with `structured` it is `ipopt` where that had to go on, and
     `iterations` are those of both.

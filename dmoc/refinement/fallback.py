@@ -10,7 +10,7 @@ from dmoc.motion.clearance import Clearance
 from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointPath
-from dmoc.physics.running_cost import trajectory_cost
+from dmoc.physics.running_cost import executed_cost
 
 _BLEND_CLEARANCE_M = 0.005
 
@@ -45,17 +45,13 @@ def _certified(
     certificate = clearance.certify(timed.trajectory)
     if not certificate.ok:
         return None
+    executed = executed_cost(problem, timed.trajectory)
     return Motion(
         status=Status.ACCEPTABLE,
         source="fallback",
         trajectory=timed.trajectory,
-        cost=trajectory_cost(
-            timed.trajectory,
-            problem.robot,
-            problem.cost,
-            wrench=problem.wrench,
-            end_cost=problem.limits.end_cost,
-        ),
+        cost=executed,
+        executed_cost=executed,
         min_clearance_m=certificate.min_clearance_m,
         proven_clearance_m=certificate.proven_clearance_m,
         certified=True,

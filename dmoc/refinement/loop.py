@@ -12,6 +12,7 @@ from dmoc.motion.clearance import Certificate, Clearance
 from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointPath, JointTrajectory
+from dmoc.physics.running_cost import executed_cost
 from dmoc.programme.types import Guess, NlpSolution
 from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.iterate import (
@@ -309,10 +310,11 @@ def _motion(
                 f"interval {f.interval}, fraction {f.fraction:.3g}: {f.pair[0]} - {f.pair[1]} at "
                 f"{1e3 * f.distance_m:.1f} mm"
             )
-    return Motion(
+    trajectory = Iterate.of(solution).trajectory(problem) if usable else None
+    motion = Motion(
         status=status,
         source="refined",
-        trajectory=Iterate.of(solution).trajectory(problem) if usable else None,
+        trajectory=trajectory,
         cost=solution.cost if usable else float("inf"),
         smoothing_cost=solution.smoothing_cost,
         iterations=used,
@@ -324,3 +326,4 @@ def _motion(
         solver=solution.solver,
         method=METHOD_NAMES[method],
     )
+    return motion if trajectory is None else motion.judged(executed_cost(problem, trajectory))

@@ -7,15 +7,23 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from dmoc.arrays import Array
-from dmoc.programme.types import SolveParams
+from dmoc.errors import Fault, ProblemError
+from dmoc.solving.solvers import DEFAULT_SOLVER, SolveParams
 
 Method = Literal["halfspaces", "boxes", "none"]
 
 # What `Motion.method` says of a motion of each.
 METHOD_NAMES: dict[Method, str] = {"halfspaces": "half-spaces", "boxes": "boxes", "none": "free"}
 
-# The same optima as Ipopt's in a quarter of the time; Ipopt goes on where it gets stuck.
-SOLVER = "structured"
+
+def method_named(name: str) -> Method:
+    """The method that a person calls `half-spaces` or `boxes`; its name in Python does too."""
+    for method, spoken in METHOD_NAMES.items():
+        if method != "none" and name in (method, spoken):
+            return method
+    raise ProblemError(
+        Fault("method", field="method", value=name, legal="half-spaces, boxes", fix="leave it out")
+    )
 
 
 @dataclass(frozen=True)
@@ -70,10 +78,12 @@ class RefineParams:
             acceptable_iterations=15,
             max_iterations=60,
             curve_corrections=0,
-            solver=SOLVER,
+            solver=DEFAULT_SOLVER,
         )
     )
-    tight: SolveParams = field(default_factory=lambda: SolveParams(tolerance=1e-8, solver=SOLVER))
+    tight: SolveParams = field(
+        default_factory=lambda: SolveParams(tolerance=1e-8, solver=DEFAULT_SOLVER)
+    )
 
     always_tight: bool = True
     largest_defect: float = 1e-6
@@ -89,6 +99,12 @@ class RefineParams:
         """The published form of the boxes: knots only, stop at 0.1 %, no repair."""
         settings = cls(stop_fraction=1e-3, fractions=(0.0,), repair_rounds=0, max_outer=200)
         return replace(settings, **changes)
+
+    def by(self, solver: str) -> RefineParams:
+        """These settings with all solves by `solver`."""
+        return self.replace(
+            loose=replace(self.loose, solver=solver), tight=replace(self.tight, solver=solver)
+        )
 
     def replace(self, **changes: Any) -> RefineParams:
         """These settings with some fields changed."""

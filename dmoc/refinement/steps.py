@@ -10,13 +10,14 @@ import numpy.typing as npt
 from dmoc.arrays import Array
 from dmoc.motion.clearance import Clearance
 from dmoc.motion.motion import MotionProblem
-from dmoc.programme.types import Box, NlpSolution, PathRows, SolveParams
+from dmoc.programme.types import Box, NlpSolution, PathRows
 from dmoc.refinement.boxes import box_half_widths, kept_level
 from dmoc.refinement.halfspaces import half_spaces
 from dmoc.refinement.iterate import Iterate, Points, fixed_knots
 from dmoc.refinement.params import Method, RefineParams, RefineRecord, Trace
 from dmoc.refinement.points import View, knots_of, look, required_clearance
 from dmoc.solving.nlp import solve_nlp
+from dmoc.solving.solvers import SolveParams
 
 # An iterate that violates may come back this much nearer without being called worse.
 _SAME_M = 1e-4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -16,8 +16,9 @@ import pinocchio as pin
 
 from dmoc.arrays import Array, joint_vector, readonly
 from dmoc.errors import Fault, RobotError
+from dmoc.robot.description import Description, LinkShape
 from dmoc.robot.settings import read_settings, settings_faults
-from dmoc.robot.urdf import check_urdf
+from dmoc.robot.urdf import read_urdf
 
 IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
 
@@ -52,12 +53,23 @@ class Tool:
         return pin.SE3(quaternion.matrix(), np.array(self.tip_position_m))
 
 
+@dataclass(frozen=True)
+class PlacedShape:
+    """A shape of `link` on joint number `joint` (0: the world), with `placement` T_joint_shape."""
+
+    link: str
+    joint: int
+    placement: pin.SE3
+    shape: LinkShape
+
+
 @dataclass(frozen=True, eq=False)
 class Robot:
     """A fixed-base serial arm with everything that a motion depends on.
 
     `model` holds the dynamics (tool and payload included, rotor armature in `model.armature`, base
-    placement in the first joint); treat it as read-only. All vectors are (n,): position limits
+    placement in the first joint); treat it as read-only. `description` is what was read from the
+    URDF: links, shapes, doubts. All vectors are (n,): position limits
     [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
     [kg·m²]. `flange` is the frame that carries the tool. `drive` is the mapping of robot.yaml's
     `drive` section (read by `robot.drive`); `provenance` tags every value as measured, published or
@@ -69,6 +81,7 @@ class Robot:
     name: str
     model: pin.Model
     urdf: Path
+    description: Description
     flange: str
     q_lower_rad: Array
     q_upper_rad: Array
@@ -110,6 +123,11 @@ class Robot:
         """n."""
         return int(self.model.nv)
 
+    @property
+    def flange_id(self) -> int:
+        """Number of the flange's frame in the model (a joint may share the link's name)."""
+        return int(self.model.getFrameId(self.flange, pin.FrameType.BODY))
+
     def gravity_torque_nm(self, q_rad: Array) -> Array:
         """g(q) [N·m] for rows of q (K, n) or one q (n,)."""
         data = self.model.createData()
@@ -121,19 +139,24 @@ class Robot:
         """T_world_flange."""
         data = self.model.createData()
         pin.framesForwardKinematics(self.model, data, np.asarray(q_rad, dtype=float))
-        return data.oMf[self.model.getFrameId(self.flange)].copy()
+        return data.oMf[self.flange_id].copy()
 
     def tip_pose(self, q_rad: Array) -> pin.SE3:
         """T_world_tip."""
         return self.flange_pose(q_rad) * self.tool.tip
 
-    def geometry(self) -> pin.GeometryModel:
-        """The links' collision shapes at their joints, the base's placement included.
+    def link_shapes(self, visual: bool = False) -> tuple[PlacedShape, ...]:
+        """The links' collision (or visual) shapes at their joints, the base's placement included.
 
-        Tool and payload have no shape here. `geometryObjects[i].parentFrame` names the link.
+        Tool and payload have no shape here.
         """
-        kind, folders = pin.GeometryType.COLLISION, [str(self.urdf.parent)]
-        return pin.buildGeomFromUrdf(self.model, str(self.urdf), kind, package_dirs=folders)
+        return tuple(
+            PlacedShape(
+                link, joint, (pose if joint else self.base * pose) * shape.origin.pose, shape
+            )
+            for link, joint, pose in self.description.carried()
+            for shape in getattr(self.description.links[link], "visual" if visual else "collision")
+        )
 
     def with_tool(self, tool: Tool) -> Robot:
         """This robot with `tool` on its flange instead of the present one."""
@@ -169,9 +192,10 @@ def available_robots() -> tuple[str, ...]:
     return tuple(sorted(p.parent.name for p in _robot_root().glob("*/robot.yaml")))
 
 
-def load_robot(name_or_path: str | Path) -> Robot:
-    """A robot of the package by name, or from a URDF file with its `robot.yaml` beside it.
+def load_robot(name_or_path: str | Path, package_path: Sequence[str | Path] = ()) -> Robot:
+    """A robot of the package by name, or from a URDF or xacro file with `robot.yaml` beside it.
 
+    `package_path` are folders where packages are looked for besides the usual places.
     Errors: `RobotError` with every fault found (file, line, field, value, legal range, fix).
     """
     text = str(name_or_path)
@@ -194,21 +218,10 @@ def load_robot(name_or_path: str | Path) -> Robot:
                 )
             )
     tree = read_settings(urdf)
-    check_urdf(urdf, torque_limits_given="torque_limit_nm" in tree.data)
     settings = tree.data
-    try:
-        model = pin.buildModelFromUrdf(str(urdf))
-    except (ValueError, RuntimeError) as error:
-        raise RobotError(
-            Fault(
-                "urdf-syntax",
-                file=str(urdf),
-                value=str(error)[:200],
-                legal="a URDF robot",
-                fix="mend what the parser names",
-            )
-        ) from error
-    faults = settings_faults(urdf, tree, model)
+    description = read_urdf(urdf, settings, package_path)
+    model = description.build_model()
+    faults = settings_faults(urdf, tree, model, description)
     if faults:
         raise RobotError(faults)
     n = model.nv
@@ -222,7 +235,8 @@ def load_robot(name_or_path: str | Path) -> Robot:
         name=str(settings.get("name", urdf.stem)),
         model=model,
         urdf=urdf.resolve(),
-        flange=str(settings.get("flange", _leaf_frame(model))),
+        description=description,
+        flange=description.flange,
         q_lower_rad=vector("q_lower_rad", model.lowerPositionLimit),
         q_upper_rad=vector("q_upper_rad", model.upperPositionLimit),
         velocity_limit_rad_s=velocity,
@@ -242,16 +256,10 @@ def load_robot(name_or_path: str | Path) -> Robot:
     return _assemble(robot)
 
 
-def _leaf_frame(model: pin.Model) -> str:
-    """The last body frame of the URDF: where a tool goes when robot.yaml does not say."""
-    bodies = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-    return bodies[-1]
-
-
 def _assemble(robot: Robot, **changes: Any) -> Robot:
-    """Rebuild the model from the URDF with tool, payload and base, and refresh the fingerprint."""
+    """Rebuild the model with tool, payload and base, and refresh the fingerprint."""
     changed = replace(robot, **changes)
-    model = pin.buildModelFromUrdf(str(changed.urdf))
+    model = changed.description.build_model()
     # Exact 0/±1 in the placements keep the symbolic dynamics small: a quarter turn written with
     # six digits would otherwise leave terms of 1e-7 everywhere.
     for i in range(model.njoints):
@@ -265,7 +273,7 @@ def _assemble(robot: Robot, **changes: Any) -> Robot:
             link, scale = model.inertias[i], changed.mass_scale
             model.inertias[i] = pin.Inertia(scale * link.mass, link.lever, scale * link.inertia)
     model.armature = np.array(changed.armature_kg_m2)
-    frame = model.frames[model.getFrameId(changed.flange)]
+    frame = model.frames[model.getFrameId(changed.flange, pin.FrameType.BODY)]
     tool = changed.tool
     if tool.mass_kg > 0:
         inertia = pin.Inertia(tool.mass_kg, np.array(tool.com_m), np.array(tool.inertia_kg_m2))
@@ -295,6 +303,8 @@ def _fingerprint(robot: Robot) -> str:
     digest = hashlib.sha256()
     for i in range(model.njoints):
         digest.update(model.joints[i].shortname().encode())
+        if hasattr(joint := model.joints[i].extract(), "axis"):  # the name says it of the others
+            digest.update(np.ascontiguousarray(joint.axis, dtype=float).tobytes())
         digest.update(np.ascontiguousarray(model.jointPlacements[i].homogeneous).tobytes())
         inertia = model.inertias[i]
         digest.update(np.float64(inertia.mass).tobytes() + inertia.lever.tobytes())
@@ -310,7 +320,9 @@ def _fingerprint(robot: Robot) -> str:
         robot.tool.tip.homogeneous,
     ):
         digest.update(np.ascontiguousarray(vector, dtype=np.float64).tobytes())
-    flange = model.frames[model.getFrameId(robot.flange)]
+    flange = model.frames[robot.flange_id]
     digest.update(np.ascontiguousarray(flange.placement.homogeneous).tobytes())
+    if flange.parentJoint != model.njoints - 1:  # where it nearly always is
+        digest.update(f"flange on joint {flange.parentJoint}".encode())
     digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
     return digest.hexdigest()

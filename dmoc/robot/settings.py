@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from dmoc.errors import DmocError, Fault, RobotError
 from dmoc.input_file import FieldPath, YamlTree, field_name, read_yaml
+from dmoc.robot.description import Description
 from dmoc.robot.drive import drive_from_mapping
 
 #: Vectors of one number per joint (or one for all), and the least legal value.
@@ -31,6 +32,8 @@ _KNOWN = {
     "provenance",
     "schema_version",
     "allowed_collisions",
+    "locked",
+    "use_visual_shapes",
 }
 _TAGS = "measured | published: SOURCE | assumed"
 
@@ -58,7 +61,9 @@ def read_settings(urdf: Path) -> YamlTree:
     return tree
 
 
-def settings_faults(urdf: Path, tree: YamlTree, model: pin.Model) -> list[Fault]:
+def settings_faults(
+    urdf: Path, tree: YamlTree, model: pin.Model, description: Description
+) -> list[Fault]:
     """All faults of the settings for this model."""
     faults: list[Fault] = []
 
@@ -96,13 +101,19 @@ def settings_faults(urdf: Path, tree: YamlTree, model: pin.Model) -> list[Fault]
     name = settings.get("name", "robot")
     if not isinstance(name, str) or not name.strip():
         refuse("robot-value", ("name",), name, "text", "name the robot")
-    flange = settings.get("flange")
-    frames = [f.name for f in model.frames if f.type == pin.FrameType.BODY]
-    if flange is not None and flange not in frames:
-        refuse("robot-flange", ("flange",), flange, ", ".join(frames), "name a link of the URDF")
+    flange, last = settings.get("flange"), description.on_joint(len(description.chain))
+    if flange is not None and flange not in last:
+        fix = "name the link that carries the tool: the last moving joint must carry it"
+        refuse("robot-flange", ("flange",), flange, ", ".join(last), fix)
+    links = list(description.links)
+    _check_locked(settings, description, refuse)
+    use = settings.get("use_visual_shapes", False)
+    if not isinstance(use, bool) and not (isinstance(use, list) and set(map(str, use)) <= {*links}):
+        fix = "write true, or name the links"
+        refuse("robot-value", ("use_visual_shapes",), use, "true, false or a list of links", fix)
     _check_drive(settings, model, refuse)
     _check_provenance(settings, refuse)
-    _check_pairs(settings, frames, refuse)
+    _check_pairs(settings, links, refuse)
     return faults
 
 
@@ -138,6 +149,20 @@ def _check_vectors(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -
             "lower < upper",
             "swap the limits",
         )
+
+
+def _check_locked(settings: dict[str, Any], description: Description, refuse: Refuse) -> None:
+    locked = settings.get("locked", {})
+    if not isinstance(locked, dict):
+        refuse("robot-value", ("locked",), locked, "a mapping", "write locked: {JOINT: 0.0}")
+        return
+    for name, value in locked.items():
+        plain = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if name not in description.joints:
+            legal = ", ".join(description.joints)
+            refuse("name-unknown", ("locked", name), name, legal, "name a joint of the URDF")
+        elif not plain or not abs(value) < 50:
+            refuse("robot-value", ("locked", name), value, "a finite number", "give rad or m")
 
 
 def _check_drive(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -> None:

@@ -1,149 +1,51 @@
 """What a robot file may contain: every fault is named before any parser sees the file.
 
 Parsers of URDF accept NaN masses, inverted limits, zero axes and meshes anywhere on the disk, and
-some crash on long chains. So the text is read and judged here first; all faults come at once.
+some crash on long chains. So the text is read and judged here first; all faults come at once. One
+chain of joints is the arm; fingers and rods beside it are locked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from dmoc.errors import RobotError
-from dmoc.robot.urdf_checks import Faults, check_inertial, check_joint, check_shapes
+import numpy as np
+import pinocchio as pin
+
+from dmoc.errors import DmocError, Fault, RobotError
+from dmoc.robot.description import Description, JointNumbers, LinkNumbers, Origin
+from dmoc.robot.packages import Packages, expanded
+from dmoc.robot.urdf_checks import (
+    Faults,
+    check_words,
+    one_a_cause,
+    read_colours,
+    read_joint,
+    read_link,
+)
 from dmoc.robot.xml_file import Element, read_xml
 
 _MOST_MOVING = 32
-
-
-def _ends(joint: Element) -> tuple[str, str]:
-    """Names of parent and child link ("" if absent)."""
-    parent, child = joint.first("parent"), joint.first("child")
-    return (
-        "" if parent is None else parent.attributes.get("link", ""),
-        "" if child is None else child.attributes.get("link", ""),
-    )
-
-
-def _moves(joint: Element) -> bool:
-    return joint.attributes.get("type") != "fixed"
-
-
-def check_tree(
-    root: Element, links: Mapping[str, Element], joints: Mapping[str, Element], faults: Faults
-) -> bool:
-    """Record what is wrong with the tree; True if nothing is."""
-    before = len(faults.found)
-    parent_of: dict[str, str] = {}
-    for name, joint in joints.items():
-        parent, child = _ends(joint)
-        for role, link in (("parent", parent), ("child", child)):
-            if link not in links:
-                faults.add(
-                    "urdf-link-unknown",
-                    joint,
-                    link or "nothing",
-                    "the name of a link",
-                    f"name the {role} link",
-                    f"joint {name}.{role}",
-                )
-        if child in parent_of:
-            faults.add(
-                "urdf-tree",
-                joint,
-                f"link {child} has two parents",
-                "one parent a link",
-                "remove one of the joints",
-                f"joint {name}",
-            )
-        parent_of[child] = parent
-    if len(faults.found) > before:
-        return False
-    roots = [name for name in links if name not in parent_of]
-    if len(roots) != 1:
-        faults.add(
-            "urdf-tree",
-            root,
-            f"{len(roots)} root links {roots[:5]}",
-            "one root link",
-            "join the parts, and break loops",
-        )
-        return False
-    reached = {roots[0]}
-    children: dict[str, list[str]] = {}
-    for child, parent in parent_of.items():
-        children.setdefault(parent, []).append(child)
-    waiting = [roots[0]]
-    while waiting:
-        for child in children.get(waiting.pop(), []):
-            reached.add(child)
-            waiting.append(child)
-    if len(reached) != len(links):
-        lost = sorted(set(links) - reached)
-        faults.add(
-            "urdf-tree", root, f"links {lost[:5]} are not connected", "one tree", "break the loop"
-        )
-        return False
-    _check_serial(joints, root, faults)
-    return len(faults.found) == before
-
-
-def moving_groups(joints: Mapping[str, Element]) -> Iterator[tuple[str, list[str]]]:
-    """Per moving joint the links that it carries rigidly (up to the next moving joint)."""
-    fixed: dict[str, list[str]] = {}
-    for joint in joints.values():
-        parent, child = _ends(joint)
-        if not _moves(joint):
-            fixed.setdefault(parent, []).append(child)
-    for name, joint in joints.items():
-        if _moves(joint):
-            group, waiting = [], [_ends(joint)[1]]
-            while waiting:
-                link = waiting.pop()
-                group.append(link)
-                waiting += fixed.get(link, [])
-            yield name, group
-
-
-def _check_serial(joints: Mapping[str, Element], root: Element, faults: Faults) -> None:
-    moving = [name for name, joint in joints.items() if _moves(joint)]
-    if not 1 <= len(moving) <= _MOST_MOVING:
-        faults.add(
-            "urdf-joints",
-            root,
-            f"{len(moving)} moving joints",
-            f"1 to {_MOST_MOVING}",
-            "give one serial arm",
-        )
-        return
-    carrier = {link: name for name, group in moving_groups(joints) for link in group}
-    below: dict[str, list[str]] = {}
-    for name in moving:
-        parent = _ends(joints[name])[0]
-        below.setdefault(carrier.get(parent, ""), []).append(name)
-    for names in below.values():
-        if len(names) > 1:
-            faults.add(
-                "urdf-serial",
-                joints[names[1]],
-                f"{', '.join(names)} branch",
-                "one serial chain of moving joints",
-                "fix the joints of the branch that is no arm (a gripper's fingers)",
-                f"joint {names[1]}",
-            )
-
-
 _MOST_LINKS = 500
+#: Links that carry a tool by custom, in this order, where several end the arm.
+_FLANGES = ("tool0", "flange", "tool_flange", "ee_link")
 
 
-def check_urdf(path: Path, torque_limits_given: bool = False) -> None:
-    """Raise `RobotError` with all faults of the URDF at `path`.
+def read_urdf(
+    path: Path, settings: Mapping[str, Any], package_path: Sequence[str | Path] = ()
+) -> Description:
+    """The robot at `path` (URDF, or xacro by the ending .xacro) as numbers.
 
-    Judged: XML (no entities, no xacro), names, tree (one root, one serial chain of revolute
-    joints), numbers, units, limits, axes, masses and inertias, shapes, mesh files and their
-    place. With `torque_limits_given` (robot.yaml has them) an effort of 0 is accepted.
+    `settings` is robot.yaml as read: `flange`, `locked`, `use_visual_shapes`, and which limits it
+    gives. Errors: `RobotError` with all faults: XML, names, words, tree (one root), numbers,
+    units, limits, axes, masses and inertias, shapes, mesh files and their places.
     """
-    root = read_xml(path)
+    packages = Packages(path, package_path)
+    text = expanded(path, packages) if path.suffix.lower() == ".xacro" else None
+    root = read_xml(path, text)
     faults = Faults(str(path))
     if root.tag != "robot":
         faults.add("urdf-root", root, f"<{root.tag}>", "<robot name=...>", "give a URDF file")
@@ -152,32 +54,296 @@ def check_urdf(path: Path, torque_limits_given: bool = False) -> None:
     if not links:
         faults.add("urdf-empty", root, "no link", "links and joints", "give a complete robot")
     if len(links) > _MOST_LINKS or len(joints) > _MOST_LINKS:
-        faults.add(
-            "urdf-large",
-            root,
-            f"{len(links)} links, {len(joints)} joints",
-            f"<= {_MOST_LINKS}",
-            "merge fixed links",
-        )
+        value = f"{len(links)} links, {len(joints)} joints"
+        faults.add("urdf-large", root, value, f"<= {_MOST_LINKS}", "merge fixed links")
         raise RobotError(faults.found)
-    masses = {name: check_inertial(link, f"link {name}", faults) for name, link in links.items()}
+    check_words(root, faults)
+    colours, pictures, bodies = read_colours(root), [], {}
+    use = settings.get("use_visual_shapes", False)
     for name, link in links.items():
-        check_shapes(link, f"link {name}", path.parent, faults)
-    for name, joint in joints.items():
-        check_joint(joint, f"joint {name}", faults, torque_limits_given)
-    if check_tree(root, links, joints, faults):
-        for joint_name, group in moving_groups(joints):
-            if sum(masses.get(link, 0.0) for link in group) <= 0 and not faults.about(group):
-                faults.add(
-                    "mass-zero",
-                    joints[joint_name],
-                    f"links {', '.join(group)} weigh 0 kg",
-                    "> 0 kg on every moving joint",
-                    "add the <inertial> of the link",
-                    f"joint {joint_name}",
-                )
+        own = use is True or (isinstance(use, list) and name in use)
+        bodies[name], doubts = read_link(link, f"link {name}", packages, colours, faults, own)
+        pictures += doubts
+    tree = _check_tree(root, links, joints, faults)
+    chain: list[str] = []
+    if tree is not None:
+        chain = _chain(tree, joints, settings, root, faults)
+    read = {
+        name: read_joint(joint, f"joint {name}", faults, name in chain or not chain, settings)
+        for name, joint in joints.items()
+    }
+    groups: dict[str, list[str]] = {name: [] for name in ("", *chain)}
+    if tree is not None and chain:
+        for name in links:
+            groups[tree.arm_joint(name, chain, joints)].append(name)
+    light = [n for n in chain if sum(bodies[k].mass_kg for k in groups[n]) <= 0]
+    light = [name for name in light if not faults.about(groups[name])]
+    if light:
+        value, legal = f"{', '.join(light)} carry 0 kg", "> 0 kg on every moving joint"
+        fix = "add the <inertial> of their links"
+        faults.add("mass-zero", joints[light[0]], value, legal, fix, f"joint {light[0]}")
+    if not chain or faults.found:
+        raise RobotError(one_a_cause(faults.found))
+    read, locked = _locked(read, joints, chain, settings)
+    file = str(path)
+    description = Description(
+        file=path.resolve(),
+        name=root.attributes.get("name", "") or path.stem,
+        links=bodies,
+        joints=read,
+        chain=tuple(chain),
+        flange="",
+        text=text,
+        meshes=_mesh_names(root, packages),
+    )
+    flange = settings.get("flange") or _flange(groups[chain[-1]], read, locked, root, faults)
     if faults.found:
         raise RobotError(faults.found)
+    continuous = [n for n in chain if joints[n].attributes["type"] == "continuous"]
+    warnings = [
+        *one_a_cause(pictures),
+        *_bare(file, bodies, [groups[name] for name in chain]),
+        *_unlimited(file, continuous, settings),
+        *_still(file, locked, read),
+    ]
+    return replace(description, flange=str(flange), warnings=tuple(warnings))
+
+
+@dataclass
+class _Tree:
+    """Moving joints by the joint that carries them ("" is the base), and who carries a link."""
+
+    below: dict[str, list[str]] = field(default_factory=dict)
+    carrier: dict[str, str] = field(default_factory=dict)
+
+    def depth(self, name: str) -> int:
+        return 1 + max((self.depth(n) for n in self.below.get(name, ())), default=0)
+
+    def arm_joint(self, link: str, chain: Collection[str], joints: Mapping[str, Element]) -> str:
+        """The joint of the chain that carries a link, once all others are fixed."""
+        name = self.carrier[link]
+        while name and name not in chain:
+            name = self.carrier[_ends(joints[name])[0]]
+        return name
+
+    def all_below(self, name: str) -> list[str]:
+        return [name, *(n for b in self.below.get(name, ()) for n in self.all_below(b))]
+
+
+def _ends(joint: Element) -> tuple[str, str]:
+    """Names of parent and child link ("" if absent)."""
+    ends = (joint.first("parent"), joint.first("child"))
+    parent, child = ("" if e is None else e.attributes.get("link", "").strip() for e in ends)
+    return parent, child
+
+
+def _check_tree(
+    root: Element, links: Mapping[str, Element], joints: Mapping[str, Element], faults: Faults
+) -> _Tree | None:
+    """The tree of moving joints, or None after recording what is wrong."""
+    before = len(faults.found)
+    parent_of: dict[str, str] = {}
+    for name, joint in joints.items():
+        for role, link in zip(("parent", "child"), _ends(joint)):
+            if link not in links:
+                value, legal, fix = link or "nothing", "the name of a link", f"name the {role} link"
+                faults.add("urdf-link-unknown", joint, value, legal, fix, f"joint {name}.{role}")
+        child = _ends(joint)[1]
+        if child in parent_of:
+            value, fix = f"link {child} has two parents", "remove one of the joints"
+            faults.add("urdf-tree", joint, value, "one parent a link", fix, f"joint {name}")
+        parent_of[child] = name
+    if len(faults.found) > before:
+        return None
+    roots = [name for name in links if name not in parent_of]
+    if len(roots) != 1:
+        value, fix = f"{len(roots)} root links {roots[:5]}", "join the parts, and break loops"
+        faults.add("urdf-tree", root, value, "one root link", fix)
+        return None
+    tree = _Tree(carrier={roots[0]: ""})
+    children: dict[str, list[str]] = {}
+    for name, joint in joints.items():
+        children.setdefault(_ends(joint)[0], []).append(name)
+    waiting = [roots[0]]
+    while waiting:
+        parent = waiting.pop()
+        for name in children.get(parent, ()):
+            child, carrier = _ends(joints[name])[1], tree.carrier[parent]
+            if joints[name].attributes.get("type") != "fixed":
+                tree.below.setdefault(carrier, []).append(name)
+                carrier = name
+            tree.carrier[child] = carrier
+            waiting.append(child)
+    if len(tree.carrier) != len(links):
+        value = f"links {sorted(set(links) - set(tree.carrier))[:5]} are not connected"
+        faults.add("urdf-tree", root, value, "one tree", "break the loop")
+        return None
+    return tree
+
+
+def _chain(
+    tree: _Tree,
+    joints: Mapping[str, Element],
+    settings: Mapping[str, Any],
+    root: Element,
+    faults: Faults,
+) -> list[str]:
+    """The joints of the arm from base to flange.
+
+    Joints that mimic another, or that robot.yaml locks, are not of the arm; neither is a joint
+    that others mimic and that ends the chain (the driven finger of a hand). Where the chain
+    branches, the flange of robot.yaml decides; sliding ends, and short branches behind the sixth
+    joint, are fingers.
+    """
+    mimics = {n: m for n, j in joints.items() if (m := j.first("mimic")) is not None}
+    masters = {m.attributes.get("joint", "") for m in mimics.values()}
+    given = settings.get("locked")
+    locked = set(given) if isinstance(given, dict) else set()
+    flange = tree.carrier.get(str(settings.get("flange", "")))
+    chain: list[str] = []
+
+    def slides(name: str) -> bool:
+        return all(joints[n].attributes.get("type") == "prismatic" for n in tree.all_below(name))
+
+    def beyond(name: str) -> Iterator[str]:
+        for other in tree.below.get(name, ()):
+            if other in locked:
+                yield from beyond(other)
+            elif other not in mimics and (other not in masters or any(beyond(other))):
+                yield other
+
+    at = ""
+    while True:
+        next_ones = list(beyond(at))
+        if len(next_ones) > 1:
+            towards = [n for n in next_ones if flange in tree.all_below(n)]
+            depth = max(tree.depth(n) for n in next_ones)
+            if towards or flange == at:
+                next_ones = towards
+            elif all(slides(n) for n in next_ones) or (len(chain) >= 6 and depth <= 3):
+                next_ones = []  # a hand
+            else:
+                value, legal = f"{', '.join(next_ones)} branch", "one serial chain of moving joints"
+                fix = "name the arm's flange in robot.yaml, or lock the others: locked: {JOINT: 0}"
+                at_joint = joints[next_ones[1]]
+                faults.add("urdf-serial", at_joint, value, legal, fix, f"joint {next_ones[1]}")
+                return []
+        if not next_ones:
+            break
+        at = next_ones[0]
+        chain.append(at)
+    if not 1 <= len(chain) <= _MOST_MOVING:
+        value, legal = f"{len(chain)} moving joints", f"1 to {_MOST_MOVING}"
+        faults.add("urdf-joints", root, value, legal, "give one serial arm")
+        return []
+    return chain
+
+
+def _locked(
+    read: Mapping[str, JointNumbers],
+    joints: Mapping[str, Element],
+    chain: Collection[str],
+    settings: Mapping[str, Any],
+) -> tuple[dict[str, JointNumbers], dict[str, float]]:
+    """All joints with those beside the chain fixed where they stand, and where that is."""
+    given = settings.get("locked")
+    places: dict[str, float] = {}
+    joined = dict(read)
+    for name, joint in read.items():
+        if joint.kind == "fixed" or name in chain:
+            continue
+        place = given.get(name) if isinstance(given, dict) else None
+        if not isinstance(place, (int, float)) or isinstance(place, bool):
+            low, high = joint.lower, joint.upper
+            place = float(np.clip(0.0, low, high)) if low < high else 0.0
+        places[name] = float(place)
+        turn = np.array(joint.axis) * places[name]
+        moved = pin.SE3(np.eye(3), turn)
+        if joint.kind == "revolute":
+            moved = pin.SE3(pin.exp3(turn), np.zeros(3))
+        pose = joint.origin.pose * moved
+        angles = pin.rpy.matrixToRpy(pose.rotation)
+        fixed = Origin(tuple(pose.translation.tolist()), tuple(angles.tolist()))
+        joined[name] = JointNumbers("fixed", joint.parent, joint.child, fixed)
+    return joined, places
+
+
+def _flange(
+    last: Sequence[str],
+    joints: Mapping[str, JointNumbers],
+    locked: Collection[str],
+    root: Element,
+    faults: Faults,
+) -> str:
+    """The link on the last moving joint that carries the tool: the only end, or by its name."""
+    behind = {joints[name].child for name in locked}
+    while True:  # links on locked joints (fingers), and what hangs on them
+        more = {j.child for j in joints.values() if j.parent in behind} - behind
+        if not more:
+            break
+        behind |= more
+    kept = [link for link in last if link not in behind]
+    parents = {j.parent for j in joints.values() if j.child in kept}
+    leaves = [link for link in kept if link not in parents]
+    for name in _FLANGES:
+        ends = [link for link in leaves if link == name or link.endswith(f"_{name}")]
+        if len(ends) == 1:
+            return ends[0]
+    if len(leaves) != 1:
+        value, fix = f"{len(leaves)} links end the arm", "write flange: LINK in robot.yaml"
+        faults.add("robot-flange", root, value, ", ".join(leaves), fix, "flange")
+        return ""
+    return leaves[0]
+
+
+def _bare(
+    file: str, bodies: Mapping[str, LinkNumbers], groups: Sequence[Sequence[str]]
+) -> list[Fault]:
+    """Links that are never seen to collide: with a picture only, or a whole moving body."""
+    bare = [name for name, body in bodies.items() if body.visual and not body.collision]
+    for group in groups:
+        if not any(bodies[link].collision for link in group):
+            bare += [link for link in group if bodies[link].mass_kg > 0 and link not in bare]
+    if not bare:
+        return []
+    fix = "add <collision> shapes to the URDF"
+    if any(bodies[link].visual for link in bare):
+        fix += ", or write use_visual_shapes: true in robot.yaml: their pictures then collide"
+    value = f"{', '.join(bare)}: never seen to collide"
+    return [Fault("link-bare", file, "collision", value, "a collision shape a link", fix)]
+
+
+def _unlimited(file: str, names: Sequence[str], settings: Mapping[str, Any]) -> list[Fault]:
+    if not names or "q_lower_rad" in settings:
+        return []
+    value = f"{', '.join(names)} turn without end"
+    fix = "give q_lower_rad and q_upper_rad in robot.yaml where cables end them"
+    return [Fault("joint-continuous", file, "joints", value, "taken as -2 pi to 2 pi", fix)]
+
+
+def _still(file: str, locked: Mapping[str, float], read: Mapping[str, JointNumbers]) -> list[Fault]:
+    if not locked:
+        return []
+    value = ", ".join(f"{name} at {place:g}" for name, place in locked.items())
+    fix = "write locked: {JOINT: rad or m} in robot.yaml where they stand otherwise"
+    return [Fault("joint-locked", file, "joints", value, "joints of the arm only", fix)]
+
+
+def _mesh_names(root: Element, packages: Packages) -> dict[str, Path]:
+    """Every mesh name of the file that leads to one."""
+    found = {}
+    elements: list[Element] = [root]
+    while elements:
+        element = elements.pop()
+        elements += element.children
+        if element.tag == "mesh" and (name := element.attributes.get("filename")):
+            try:
+                path = packages.mesh(name, "", "")
+            except DmocError:
+                continue
+            if path.is_file():
+                found[name] = path
+    return found
 
 
 def _named(root: Element, tag: str, faults: Faults) -> dict[str, Element]:
@@ -188,14 +354,8 @@ def _named(root: Element, tag: str, faults: Faults) -> dict[str, Element]:
         if not name:
             faults.add("urdf-name", element, "no name", "a name", f"name this {tag}", tag)
         elif name in named:
-            faults.add(
-                "urdf-duplicate",
-                element,
-                name,
-                f"names used once (also on line {named[name].line})",
-                "rename it",
-                f"{tag} {name}",
-            )
+            legal = f"names used once (also on line {named[name].line})"
+            faults.add("urdf-duplicate", element, name, legal, "rename it", f"{tag} {name}")
         else:
             named[name] = element
     return named

@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from dmoc.errors import Fault, RobotError
+from dmoc.input_file import content_of
 
 _MOST_BYTES = 20_000_000
 _MOST_DEPTH = 60
@@ -21,6 +22,7 @@ class Element:
     attributes: dict[str, str]
     line: int
     children: list[Element] = field(default_factory=list)
+    text: str = ""
 
     def all(self, tag: str) -> list[Element]:
         """Children of that tag."""
@@ -37,8 +39,11 @@ class _Refused(Exception):
         self.parts = (code, value, legal, fix)
 
 
-def read_xml(path: Path) -> Element:
-    """The root element of the file. Errors: `RobotError` with one fault and its line."""
+def read_xml(path: Path, text: str | None = None) -> Element:
+    """The root element of the file (or of `text`, which was made from it).
+
+    Errors: `RobotError` with one fault and its line.
+    """
 
     def refuse(code: str, value: str, legal: str, fix: str, line: int | None = None) -> RobotError:
         return RobotError(
@@ -53,7 +58,7 @@ def read_xml(path: Path) -> Element:
                 f"<= {_MOST_BYTES}",
                 "keep shapes in mesh files",
             )
-        content = path.read_bytes()
+        content = content_of(path, _MOST_BYTES) if text is None else text.encode()
     except OSError as error:
         raise refuse("robot-missing", str(error), "a readable file", "check the path") from error
     reader = _Reader()
@@ -86,6 +91,7 @@ class _Reader:
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
         self.parser.StartDoctypeDeclHandler = self._doctype
+        self.parser.CharacterDataHandler = self._words
 
     def _doctype(self, *_: object) -> None:
         raise _Refused(
@@ -102,7 +108,7 @@ class _Reader:
                 "urdf-xacro",
                 f"<{tag}>",
                 "plain URDF",
-                "expand the file with xacro (or xacrodoc) first",
+                "call the file .xacro: then it is expanded",
             )
         if len(self._open) >= _MOST_DEPTH or self._count > _MOST_ELEMENTS:
             raise _Refused(
@@ -120,3 +126,7 @@ class _Reader:
 
     def _end(self, _: str) -> None:
         self._open.pop()
+
+    def _words(self, text: str) -> None:
+        if len(self._open[-1].text) < 200:
+            self._open[-1].text += text

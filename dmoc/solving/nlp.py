@@ -1,4 +1,4 @@
-"""The only caller of `nlpsol` and of our own method: one solver per programme, many solves.
+"""One programme of a motion solved, by a solver of the registry, with limits only where they bind.
 
 Speed and acceleration limits are often inactive at an optimum with a velocity cost, yet their rows
 double the size of the linear systems. So a programme is solved without them first; what the
@@ -10,26 +10,28 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, replace
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.motion.motion import MotionProblem
 from dmoc.motion.status import Status
 from dmoc.physics.state import knot_velocities, max_defect, residuals
-from dmoc.programme.builder import Families, MotionProgramme, motion_programme
+from dmoc.programme.builder import Families, motion_programme
 from dmoc.programme.curve_limits import (
     CURVE_SLACK,
+    POSITION_SLACK_RAD,
     Curve,
     Lag,
     Margins,
     curve_of,
+    excess_of,
     lag_of,
     mean_curve_of,
     mobility_of,
+    moved_inside,
     no_lag,
+    no_margins,
 )
 from dmoc.programme.numbers import (
     capacity_for,
@@ -39,45 +41,12 @@ from dmoc.programme.numbers import (
     variable_bounds,
     without_idle_rows,
 )
-from dmoc.programme.types import DEFAULT_PARAMS, Box, Guess, NlpSolution, PathRows, SolveParams
-
-STATUS = {
-    "Solve_Succeeded": Status.CONVERGED,
-    "Solved_To_Acceptable_Level": Status.ACCEPTABLE,
-    "Feasible_Point_Found": Status.ACCEPTABLE,
-    "Infeasible_Problem_Detected": Status.INFEASIBLE,
-    "Not_Enough_Degrees_Of_Freedom": Status.INFEASIBLE,
-    "Restoration_Failed": Status.INFEASIBLE,
-    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
-    "Maximum_CpuTime_Exceeded": Status.TIME_LIMIT,
-    "Maximum_WallTime_Exceeded": Status.TIME_LIMIT,
-    "User_Requested_Stop": Status.TIME_LIMIT,
-}
-"""What Ipopt's return codes mean here; every other code is a numerical failure."""
+from dmoc.programme.types import Box, Guess, NlpSolution, PathRows
+from dmoc.solving.solvers import DEFAULT_PARAMS, STATUS, SolveParams, minimum
 
 # A motion whose equations hold less well than this (fraction of h u_max) is not called converged.
 LARGEST_DEFECT = 1e-6
 
-_IPOPT = {
-    "print_level": 0,
-    "sb": "yes",
-    "nlp_scaling_method": "none",
-    "mu_strategy": "adaptive",
-    "mu_oracle": "probing",
-    "constr_viol_tol": 1e-8,
-    # The rows are scaled already; AMF ordering suits the band. Measured: a quarter off.
-    # The automatic ordering would also make the last digits depend on earlier solves.
-    "mumps_pivot_order": 2,
-    "mumps_permuting_scaling": 0,
-    "mumps_scaling": 0,
-    "min_refinement_steps": 0,
-}
-_WARM = {
-    "warm_start_init_point": "yes",
-    "warm_start_bound_push": 1e-4,
-    "warm_start_mult_bound_push": 1e-4,
-}
-_SOLVERS: dict[tuple[Any, ...], ca.Function] = {}
 # MUMPS and CasADi's graph are not safe for threads; processes are the way to use more cores.
 ONE_AT_A_TIME = threading.RLock()
 
@@ -131,7 +100,7 @@ def _with_lazy_limits(
     lag = None if warm is None else warm.lag
     if lag is None:
         lag = no_lag(problem.num_intervals, problem.robot.num_joints)
-    margins = Margins(lag, np.zeros_like(lag.slope), np.zeros_like(lag.velocity))
+    margins = no_margins(lag)
     exact, iterations, corrections = params.limit_curve, 0, 0
     slack = CURVE_SLACK if exact else 0.0
     no_mobility = np.zeros((len(lag.velocity), problem.robot.num_joints, problem.robot.num_joints))
@@ -145,6 +114,8 @@ def _with_lazy_limits(
             break
         curve = _curve(problem, solution, exact)
         too_fast, too_hard = curve.breaks_velocity(slack), curve.breaks_acceleration(slack)
+        too_far = _excess(problem, solution)
+        leaves = exact and bool(too_far.max() > POSITION_SLACK_RAD)
         wider = replace(
             families,
             velocity=families.velocity or too_fast,
@@ -152,11 +123,14 @@ def _with_lazy_limits(
         )
         if wider == families:
             most = params.curve_corrections if exact else 0
-            if not (solution.status.ok and (too_fast or too_hard)) or corrections == most:
+            broken = too_fast or too_hard or leaves
+            if not (solution.status.ok and broken) or corrections == most:
                 break
             corrections += 1
             if corrections > 1:  # a better lag alone did not do
                 margins = margins.corrected(curve)
+        if leaves and solution.status.ok:
+            margins = replace(margins, inside=moved_inside(margins.inside, too_far))
         if solution.status.ok:
             lag = _lag(problem, solution) if exact else lag
             if wider != families:
@@ -180,6 +154,10 @@ def _curve(problem: MotionProblem, solution: NlpSolution, exact: bool) -> Curve:
     if exact:
         return curve_of(problem.robot, solution.q_rad, solution.velocity_rad_s, solution.step_s)
     return mean_curve_of(problem, solution.q_rad, solution.step_s)
+
+
+def _excess(problem: MotionProblem, solution: NlpSolution) -> Array:
+    return excess_of(problem.robot, solution.q_rad, solution.velocity_rad_s, solution.step_s)
 
 
 def _lag(problem: MotionProblem, solution: NlpSolution) -> Lag:
@@ -217,7 +195,7 @@ def _solve_once(
     motion = motion_programme(problem, families)
     layout, robot = motion.layout, problem.robot
     half, lower_half = half_space_params(problem, rows, families.half_spaces)
-    lbx, ubx = variable_bounds(problem, motion, box)
+    lbx, ubx = variable_bounds(problem, motion, box, margins.inside)
     lbg, ubg = row_bounds(problem, motion, lower_half, margins)
     if np.any(lbx > ubx) or np.any(lbg > ubg):
         return _hopeless(problem, guess, families)
@@ -238,15 +216,19 @@ def _solve_once(
     )
     if warm:
         arguments |= {"lam_x0": multipliers.bounds, "lam_g0": multipliers.rows}
-    result, stats = _minimum(motion, arguments, params, warm)
+    result, stats = minimum(motion, arguments, params, warm)
     x = np.array(result["x"]).ravel()
     status = STATUS.get(stats["return_status"], Status.NUMERICAL_FAILURE)
     cost = float(result["f"])
     if not (np.all(np.isfinite(x)) and np.isfinite(cost)):
         status, x = Status.NUMERICAL_FAILURE, arguments["x0"]
+    elif problem.cost.reported_kappa != problem.cost.kappa:
+        p = arguments["p"].copy()
+        p[motion.params["weights"][-1]] = problem.cost.reported_kappa
+        cost = float(motion.programme.nlp(x, p)[0])
     q, u, h = x[layout.knots()], x[layout.torques()], float(x[layout.step])
     torque = u * robot.torque_limit_nm
-    smoothing = problem.cost.torque_smoothing * float(np.sum(np.diff(u, axis=0) ** 2))
+    smoothing = problem.cost.smoothing * float(np.sum(np.diff(u, axis=0) ** 2))
     left, right = residuals(problem, q, torque, h)
     defect = max_defect(problem, q, left, right, h)
     if status is Status.CONVERGED and defect > LARGEST_DEFECT:
@@ -261,31 +243,11 @@ def _solve_once(
         smoothing_cost=smoothing,
         iterations=int(stats["iter_count"]),
         max_defect=defect,
-        solver=stats.get("solver", params.solver),
+        solver=stats["solver"],
         multipliers=Multipliers(
             np.array(result["lam_x"]).ravel(), np.array(result["lam_g"]).ravel(), families
         ),
     )
-
-
-def _minimum(
-    motion: MotionProgramme, arguments: dict[str, Array], params: SolveParams, warm: bool
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What `nlpsol` returns, and its statistics; of our own method where that is asked for.
-
-    What does not fit there or where it gets stuck goes on to Ipopt, from the same start.
-    """
-    spent, name = 0, params.solver
-    if params.solver == "structured":
-        from dmoc.interior import solve_structured  # with it numba, which takes a while to load
-
-        own = solve_structured(motion, arguments, params)
-        if own is not None and own[1]["return_status"] in STATUS:
-            return own
-        spent, name = 0 if own is None else own[1]["iter_count"], "ipopt"
-    solver = _solver(motion, params, warm)
-    result, stats = solver(**arguments), solver.stats()
-    return result, stats | {"iter_count": stats["iter_count"] + spent, "solver": name}
 
 
 def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSolution:
@@ -304,27 +266,3 @@ def _hopeless(problem: MotionProblem, guess: Guess, families: Families) -> NlpSo
         max_defect=max_defect(problem, q, left, right, h),
         multipliers=None,
     )
-
-
-def _solver(motion: MotionProgramme, params: SolveParams, warm: bool) -> ca.Function:
-    key = (motion.key, params, warm)
-    if key not in _SOLVERS:
-        programme = motion.programme
-        settings: dict[str, Any] = dict(_IPOPT) | {
-            "tol": params.tolerance,
-            "acceptable_tol": params.acceptable_tolerance,
-            "acceptable_iter": params.acceptable_iterations,
-            "max_iter": params.max_iterations,
-        }
-        settings |= _WARM if warm else {}
-        options: dict[str, Any] = {f"ipopt.{name}": value for name, value in settings.items()}
-        options |= {
-            "print_time": False,
-            "no_nlp_grad": True,
-            "calc_lam_p": False,
-            "grad_f": programme.grad_f,
-            "jac_g": programme.jac_g,
-            "hess_lag": programme.hess_lag,
-        }
-        _SOLVERS[key] = ca.nlpsol("motion", "ipopt", programme.nlp, options)
-    return _SOLVERS[key]

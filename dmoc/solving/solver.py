@@ -12,11 +12,13 @@ from dmoc.motion.cost import ElectricalCost
 from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointTrajectory
+from dmoc.physics.running_cost import executed_cost
 from dmoc.programme.builder import Families
 from dmoc.programme.guess import detour_guess, straight_guess
-from dmoc.programme.types import DEFAULT_PARAMS, Guess, NlpSolution, SolveParams
+from dmoc.programme.types import Guess, NlpSolution
 from dmoc.solving.grids import prolonged
 from dmoc.solving.nlp import ONE_AT_A_TIME, solve_nlp
+from dmoc.solving.solvers import DEFAULT_PARAMS, SolveParams
 
 # Problems travel in groups, so that a robot is sent once for many of them.
 GROUP = 8
@@ -89,7 +91,8 @@ def solve(
 ) -> Motion:
     """The locally optimal motion of `problem` without obstacles.
 
-    Without a guess: the straight joint-space line, on ten intervals first where N ≥ 20. If that
+    Without a guess: the straight joint-space line, on ten intervals first where N ≥ 20 and no speed
+    is priced. If that
     fails or looks suspicious (many iterations), up to three detours drawn from `seed` are tried
     and the cheapest motion is kept. Deterministic.
 
@@ -129,7 +132,7 @@ def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motio
         torque_nm=solution.torque_nm,
         robot=problem.robot,
     )
-    return Motion(
+    motion = Motion(
         status=solution.status,
         source="refined",
         trajectory=trajectory,
@@ -141,6 +144,7 @@ def motion_from_solution(problem: MotionProblem, solution: NlpSolution) -> Motio
         planner="none",
         method="free",
     )
+    return motion.judged(executed_cost(problem, trajectory)) if solution.status.ok else motion
 
 
 def _guesses(problem: MotionProblem, seed: int) -> Iterator[Guess]:
@@ -160,7 +164,8 @@ def _through_grids(problem: MotionProblem, params: SolveParams, start: Guess) ->
     if isinstance(cost, ElectricalCost):
         return _through_friction(problem, cost, params, start)
     ends = problem.depart_rad is not None or problem.arrive_rad is not None
-    if problem.num_intervals < 2 * COARSE_INTERVALS or ends:
+    # With a price that sees the speeds at the knots ten iterations do from any start.
+    if problem.num_intervals < 2 * COARSE_INTERVALS or ends or cost.kappa > 0:
         return solve_nlp(problem, start, params=params)
     coarse = problem.replace(num_intervals=COARSE_INTERVALS)
     rough = replace(params, tolerance=max(COARSE_TOLERANCE, params.tolerance), limit_curve=False)

@@ -72,7 +72,7 @@ def chain_of(robot: Robot) -> ScrewAxes:
         local = np.array(model.joints[i].createData().S).reshape(6)[3:]
         axes.append(pose[:3, :3] @ local)
         points.append(pose[:3, 3].copy())
-    frame = model.frames[model.getFrameId(robot.flange)]
+    frame = model.frames[robot.flange_id]
     home = pose @ frame.placement.homogeneous @ robot.tool.tip.homogeneous
     return ScrewAxes(np.array(axes), np.array(points), home, robot.q_lower_rad, robot.q_upper_rad)
 

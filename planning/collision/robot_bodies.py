@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
-import coal
 import numpy as np
-import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from dmoc.errors import Fault, RobotError
-from dmoc.robot.robot import Robot
+from dmoc.robot.robot import PlacedShape, Robot
 from planning.collision.pieces import Mounted
 from planning.geometry.convex import convex_shape
 from planning.geometry.decompose import mesh_pieces
-from planning.geometry.mesh import Mesh, is_watertight
-from planning.geometry.shapes import Body, Shape
+from planning.geometry.mesh import Mesh, is_watertight, load_link_mesh
+from planning.geometry.shapes import SOLIDS, Body, Shape
 
 HULL_EXCESS = 1.2
 MOST_PIECES = 8
@@ -31,54 +27,24 @@ def link_bodies(robot: Robot) -> tuple[Mounted, ...]:
     volume; both cover it, so distances are never too large. Link 0 (the base) stands at the
     robot's base pose.
     """
-    model = robot.model
-    try:
-        geometry = robot.geometry()
-    except ValueError as error:
-        raise RobotError(
-            Fault(
-                "robot-mesh",
-                file=str(robot.urdf),
-                value=str(error)[:200],
-                legal="collision meshes that can be read",
-                fix="put the mesh beside the URDF",
-            )
-        ) from error
     shapes: dict[str, list[Shape]] = {}
     joints: dict[str, int] = {}
-    for item in geometry.geometryObjects:
-        link = model.frames[item.parentFrame].name
-        shapes.setdefault(link, []).extend(_shapes(item, robot.urdf))
-        joints[link] = int(item.parentJoint)
+    for item in robot.link_shapes():
+        shapes.setdefault(item.link, []).extend(link_pieces(item, robot))
+        joints[item.link] = item.joint
     return tuple(
         Mounted(Body(link, tuple(parts)), joints[link], np.eye(4)) for link, parts in shapes.items()
     )
 
 
-def _shapes(item: pin.GeometryObject, urdf: Path) -> tuple[Shape, ...]:
-    solid, pose = item.geometry, item.placement.homogeneous
-    if isinstance(solid, coal.Box):
-        return (Shape("box", tuple(2 * np.asarray(solid.halfSide)), pose=pose),)
-    if isinstance(solid, coal.Sphere):
-        return (Shape("sphere", (solid.radius,), pose=pose),)
-    if isinstance(solid, coal.Cylinder):
-        return (Shape("cylinder", (solid.radius, 2 * solid.halfLength), pose=pose),)
-    if isinstance(solid, coal.BVHModelBase):
-        vertices = np.array(solid.vertices(), dtype=float)
-        triangles = (solid.tri_indices(k) for k in range(solid.num_tris))
-        faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-        pieces = _link_pieces(vertices.tobytes(), faces.tobytes())
+def link_pieces(item: PlacedShape, robot: Robot) -> tuple[Shape, ...]:
+    """The primitive, or convex pieces over the mesh, of a link's shape in the joint's frame."""
+    pose, kind = item.placement.homogeneous, item.shape.kind
+    if kind == "mesh":
+        mesh = load_link_mesh(item.shape, str(robot.urdf), f"link {item.link}.collision")
+        pieces = _link_pieces(mesh.vertices_m.tobytes(), mesh.faces.tobytes())
         return tuple(replace(piece, pose=pose) for piece in pieces)
-    raise RobotError(
-        Fault(
-            "robot-geometry",
-            file=str(urdf),
-            field=item.name,
-            value=type(solid).__name__,
-            legal="box, sphere, cylinder or mesh",
-            fix="change the collision element",
-        )
-    )
+    return (Shape(SOLIDS[kind], item.shape.size_m, pose=pose),)
 
 
 @lru_cache(maxsize=128)
@@ -101,6 +67,6 @@ def _link_pieces(vertices_bytes: bytes, faces_bytes: bytes) -> tuple[Shape, ...]
 
 def tool_mounts(robot: Robot, tool_bodies: tuple[Body, ...]) -> tuple[Mounted, ...]:
     """Tool bodies on the joint that carries the flange; `body.pose` is T_flange_body."""
-    frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+    frame = robot.model.frames[robot.flange_id]
     flange = frame.placement.homogeneous
     return tuple(Mounted(b, int(frame.parentJoint), flange @ b.pose) for b in tool_bodies)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -106,7 +107,7 @@ class Scene:
         self.engine_name = engine
         self.engine: Engine = FclEngine(pieces) if engine == "fcl" else CoalEngine(pieces)
         self.touching = tuple(m.body.name for m in tools if m.body.touches)
-        frame = robot.model.frames[robot.model.getFrameId(robot.flange)]
+        frame = robot.model.frames[robot.flange_id]
         tip = (frame.placement * robot.tool.tip).translation
         self.tip = np.array([float(frame.parentJoint), *tip])
         self.num_joints = robot.num_joints
@@ -116,6 +117,7 @@ class Scene:
             "pij,pj->pi", self.solids.frame[:, :9].reshape(-1, 3, 3), self.solids.size[:, 6:9]
         )
         self.pose[:, 12:] = self.solids.frame[:, 9:12] + centres
+        self.thread = threading.get_ident()
         self.everything = self.scope(())
         self.lever_m = self._levers(robot)
 
@@ -154,7 +156,17 @@ class Scene:
         return Scope(self.pairs, rows, exempt, np.zeros(len(lines), dtype=bool))
 
     def rows_of(self, q_rad: Array) -> Array:
-        """q as finite (K, n). Errors: `ProblemError`."""
+        """q as finite (K, n). Errors: `ProblemError`, also in a thread that did not make this."""
+        if threading.get_ident() != self.thread:
+            raise ProblemError(
+                Fault(
+                    "world-thread",
+                    field="world",
+                    value="asked by another thread than made it",
+                    legal="one world a thread: it holds workspace",
+                    fix="make a CollisionWorld in each thread, or use processes",
+                )
+            )
         # A copy: a read-only array would be another type to the compiler.
         q = np.array(np.atleast_2d(q_rad), dtype=float, order="C")
         if q.ndim != 2 or q.shape[1] != self.num_joints or not np.isfinite(q).all():

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class EdgeClearance:
-    """Implements `dmoc.clearance.Clearance` for one motion in one world.
+    """Implements `dmoc.motion.clearance.Clearance` for one motion in one world.
 
     Contact of the tool's touching body with a line's part is left out at configurations whose tip
     lies in the line's tube. `tracking_error_m` is what the certificate adds for the controller;
@@ -211,7 +211,7 @@ class CollisionWorld:
         tracking_error_m: float = 0.002,
         cap_m: float = DEFAULT_CAP_M,
     ) -> EdgeClearance:
-        """The `dmoc.clearance.Clearance` of a motion with these departure lines."""
+        """The `dmoc.motion.clearance.Clearance` of a motion with these departure lines."""
         lines = tuple(line for line in (start_line, goal_line) if line is not None)
         return EdgeClearance(self, lines, tracking_error_m, cap_m)
 

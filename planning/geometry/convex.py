@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, MeshError
+from dmoc.input_file import content_of
 from planning.geometry.mesh import Mesh
 from planning.geometry.shapes import Shape
 
@@ -105,7 +106,7 @@ def read_pieces(path: Path, scale: float, file: str, field: str) -> tuple[Shape,
         )
 
     try:
-        lines = path.read_text(encoding="latin-1").splitlines()
+        lines = content_of(path).decode("latin-1").splitlines()
     except OSError as error:
         raise MeshError(
             Fault(

@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import heapq
 import os
-import zipfile
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +19,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from dmoc.arrays import Array
+from dmoc.arrays import Array, arrays_of
+from dmoc.input_file import content_of
 from dmoc.programme.codegen import cache_folder
 from planning.geometry.convex import convex_shape
 from planning.geometry.mesh import Mesh, is_watertight
@@ -49,12 +49,12 @@ def cached_pieces(mesh: Mesh) -> tuple[Shape, ...]:
 
 def _read(path: Path) -> list[np.ndarray] | None:
     try:
-        with np.load(path, allow_pickle=False) as data:
-            rows, counts = data["vertices_m"], data["counts"]
+        data = arrays_of(content_of(path))
+        rows, counts = data["vertices_m"], data["counts"]
         if rows.ndim != 2 or rows.shape[1] != 3 or counts.sum() != len(rows) or counts.min() < 4:
             return None
         return np.split(rows, np.cumsum(counts)[:-1])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError):
         return None  # absent or damaged: cut again
 
 

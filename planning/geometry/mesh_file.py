@@ -1,7 +1,9 @@
-"""Triangles from STL and OBJ files, read by us so that a broken file is a fault, not a surprise."""
+"""Triangles from mesh files, read in Python so that a broken file is a fault, not a surprise."""
 
 from __future__ import annotations
 
+import io
+import re
 import struct
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import numpy.typing as npt
 import trimesh
 
 Triangles = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
-_TRIMESH_FAULTS = (
+_FILE_FAULTS = (
     ValueError,
     KeyError,
     IndexError,
@@ -23,6 +25,8 @@ _TRIMESH_FAULTS = (
     NotImplementedError,
     AssertionError,
     OverflowError,
+    SyntaxError,
+    RecursionError,
 )
 
 
@@ -35,9 +39,11 @@ class MeshSyntaxError(ValueError):
 
 
 def read_triangles(path: Path) -> Triangles:
-    """Vertices (V, 3) in the file's unit and faces (F, 3); equal vertices are merged.
+    """Vertices (V, 3) in the file's unit (DAE: in metres, by its <unit>) and faces (F, 3).
 
-    STL (binary, text) and OBJ are read here, GLB and PLY by trimesh. Raises `MeshSyntaxError`.
+    Equal vertices are merged. STL (binary, text) and OBJ are read here, DAE by pycollada, GLB and
+    PLY by trimesh: all in Python, where a broken file cannot take the process along. A DAE's
+    up_axis is ignored, as other tools do for robots. Raises `MeshSyntaxError`.
     """
     kind = path.suffix.lower()
     content = path.read_bytes()
@@ -48,8 +54,12 @@ def read_triangles(path: Path) -> Triangles:
         faces = np.arange(len(soup)).reshape(-1, 3)
     elif kind == ".obj":
         soup, faces = _obj(content)
+    elif kind == ".dae":
+        soup, faces = _dae(content)
     else:
         soup, faces = _other(path)
+    if kind == ".ply" and len(faces) < (promised := _ply_faces(content)):
+        raise MeshSyntaxError("mesh-truncated", f"{len(faces)} faces of {promised}")
     if len(faces) == 0:
         raise MeshSyntaxError("mesh-empty", "no triangle")
     if faces.min() < 0 or faces.max() >= len(soup):
@@ -59,42 +69,100 @@ def read_triangles(path: Path) -> Triangles:
 
 
 def _stl(content: bytes) -> npt.NDArray[np.float64]:
-    if len(content) >= 84:
-        count = struct.unpack("<I", content[80:84])[0]
-        if len(content) == 84 + 50 * count:
-            records = np.frombuffer(content, dtype=np.uint8, offset=84).reshape(count, 50)
-            values = np.ascontiguousarray(records[:, 12:48]).view("<f4").reshape(-1, 3)
-            return values.astype(np.float64)
-    if content.lstrip()[:5].lower() == b"solid" and b"facet" in content[:4096]:
-        return _text_stl(content)
+    """Corners (3F, 3). Text cannot pass for binary: four letters promise 500 million triangles.
+
+    After the records there may be a few bytes or a blank tail, but no further record: then the
+    number in the header is wrong.
+    """
+    count = struct.unpack("<I", content[80:84])[0] if len(content) >= 84 else 0
+    tail = len(content) - 84 - 50 * count
+    if count > 0 and (0 <= tail < 50 or (tail > 0 and not content[-tail:].strip(b"\0 \t\r\n"))):
+        records = np.frombuffer(content, np.uint8, 50 * count, 84).reshape(count, 50)
+        values = np.ascontiguousarray(records[:, 12:48]).view("<f4").reshape(-1, 3)
+        return values.astype(np.float64)
+    start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if start[:5].lower() == b"solid" and b"\0" not in content.rstrip(b"\0"):
+        return _text_stl(start)
     if len(content) < 84:
         raise MeshSyntaxError("mesh-truncated", f"{len(content)} bytes: shorter than an STL header")
+    if count == 0 and tail == 0:
+        raise MeshSyntaxError("mesh-empty", "no triangle")
     raise MeshSyntaxError(
         "mesh-truncated",
         f"header promises {count} triangles ({84 + 50 * count} bytes), file has {len(content)}",
     )
 
 
+_FACET = "facet normal # # # outer loop vertex # # # vertex # # # vertex # # # endloop endfacet"
+
+
 def _text_stl(content: bytes) -> npt.NDArray[np.float64]:
-    text = content.decode("latin-1")
-    if "endsolid" not in text:
+    """Every dialect: any case, any white space, one or several solids, `end solid` in two words."""
+    text = re.sub(r"\bend[ \t]+(facet|loop|solid)\b", r"end\1", content.decode("latin-1").lower())
+    lines = text.rstrip("\0 \t\r\n").splitlines()
+    if not lines or "endsolid" not in lines[-1]:
         raise MeshSyntaxError("mesh-truncated", "text STL without endsolid")
-    rows = [line.split()[1:] for line in text.splitlines() if line.strip().startswith("vertex")]
-    try:
-        soup = np.array(rows, dtype=np.float64)
-    except ValueError as error:
-        raise MeshSyntaxError("mesh-syntax", f"vertex line: {error}") from error
-    if len(soup) == 0:
+    # A solid's name may hold any words: it ends with its line, or before the first facet.
+    body = re.sub(r"(?m)^[ \t]*(end)?solid\b.*?(?=\bfacet[ \t]+normal\b|$)", "", "\n".join(lines))
+    words = re.sub(r"\bendsolid\b.*$", "", body, flags=re.M).split()
+    if not words:
         raise MeshSyntaxError("mesh-empty", "no triangle")
-    if soup.ndim != 2 or soup.shape[1] != 3 or len(soup) % 3:
-        raise MeshSyntaxError("mesh-syntax", f"{len(soup)} vertex lines do not make triangles")
-    return soup
+    pattern = np.array(_FACET.split())
+    if len(words) % len(pattern):
+        raise MeshSyntaxError("mesh-syntax", f"{len(words)} words do not make facets of 21")
+    table = np.array(words).reshape(-1, len(pattern))
+    fixed = pattern != "#"
+    wrong = np.argwhere(table[:, fixed] != pattern[fixed])
+    if len(wrong):
+        row, column = wrong[0]
+        found, wanted = table[:, fixed][row, column], pattern[fixed][column]
+        raise MeshSyntaxError("mesh-syntax", f"facet {row + 1}: {found}, where {wanted} belongs")
+    try:
+        return table[:, [8, 9, 10, 12, 13, 14, 16, 17, 18]].astype(np.float64).reshape(-1, 3)
+    except ValueError as error:
+        raise MeshSyntaxError("mesh-syntax", f"vertex: {error}") from error
+
+
+def _dae(content: bytes) -> Triangles:
+    """All triangles of the scene where it places them, in metres."""
+    import collada
+
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise MeshSyntaxError("mesh-syntax", "a document type declaration")
+    skipped = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+    points, faces, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    try:
+        file = collada.Collada(io.BytesIO(content), ignore=skipped)
+        size = file.assetInfo.unitmeter or 1.0
+        solids = file.scene.objects("geometry") if file.scene is not None else ()
+        for primitive in (p for solid in solids for p in solid.primitives()):
+            cut = getattr(primitive, "triangleset", None)  # of polygons
+            triangles = primitive if cut is None else cut()
+            if not isinstance(triangles, collada.triangleset.BoundTriangleSet):
+                continue  # lines
+            if triangles.vertex is None or triangles.vertex_index is None:
+                continue
+            points.append(np.asarray(triangles.vertex, dtype=np.float64).reshape(-1, 3) * size)
+            faces.append(np.asarray(triangles.vertex_index, dtype=np.int64).reshape(-1, 3) + count)
+            count += len(points[-1])
+    except (collada.DaeError, *_FILE_FAULTS) as error:
+        raise MeshSyntaxError("mesh-syntax", f"{type(error).__name__}: {error}"[:200]) from error
+    if file.errors:
+        raise MeshSyntaxError("mesh-syntax", f"{file.errors[0]}"[:200])
+    return np.concatenate(points), np.concatenate(faces)
+
+
+def _ply_faces(content: bytes) -> int:
+    """The number of faces that a PLY file's header promises."""
+    found = re.search(rb"element\s+face\s+(\d+)", content[:10_000])
+    return 0 if found is None else int(found.group(1))
 
 
 def _obj(content: bytes) -> Triangles:
     points: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
-    for number, line in enumerate(content.decode("latin-1").splitlines(), start=1):
+    text = content.decode("latin-1").replace("\\\n", " ").replace("\\\r\n", " ")
+    for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
         if not words or words[0] not in ("v", "f"):
             continue
@@ -122,7 +190,7 @@ def _other(path: Path) -> Triangles:
             np.array(loaded.vertices, dtype=np.float64).reshape(-1, 3),
             np.array(loaded.faces, dtype=np.int64).reshape(-1, 3),
         )
-    except _TRIMESH_FAULTS as error:
+    except _FILE_FAULTS as error:
         raise MeshSyntaxError("mesh-syntax", f"{type(error).__name__}: {error}"[:200]) from error
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from dmoc.arrays import Array, StaysReadonly, readonly
 
 Kind = Literal["box", "cylinder", "sphere", "convex", "mesh"]
+SOLIDS: dict[str, Kind] = {"box": "box", "cylinder": "cylinder", "sphere": "sphere"}
 
 
 def pose_matrix(position_m: Any = (0, 0, 0), quaternion_xyzw: Any = (0, 0, 0, 1)) -> Array:

@@ -9,16 +9,17 @@ motion that is asked for: doubling N doubles m.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.motion.motion import MotionProblem
 from dmoc.programme.guess import straight_guess
-from dmoc.programme.types import Guess, NlpSolution, SolveParams
+from dmoc.programme.types import Guess, NlpSolution
 from dmoc.solving.grids import prolonged
 from dmoc.solving.nlp import solve_nlp
+from dmoc.solving.solvers import DEFAULT_SOLVER, SolveParams
 
 LineFunction = Callable[[float], Array]
 """Joint vector (n,) at a fraction of the departure line: 0 at the weld, 1 at the line's end."""
@@ -28,7 +29,7 @@ INTERVALS_PER_LINE_KNOT = 20
 FIRST_TRIED = 2
 MOST_OF_TWENTY = 4
 # Enough to tell which of two optima is cheaper.
-RANKING = SolveParams(tolerance=1e-4, limit_curve=False, solver="structured")
+RANKING = SolveParams(tolerance=1e-4, limit_curve=False)
 
 
 def num_line_knots(num_intervals: int) -> int:
@@ -90,6 +91,7 @@ def best_departure(
     depart: LineFunction | None,
     arrive: LineFunction | None,
     num_intervals: int | None = None,
+    solver: str = DEFAULT_SOLVER,
 ) -> DepartureProblem:
     """`with_departure` with the number of line knots per twenty intervals that costs least.
 
@@ -101,6 +103,7 @@ def best_departure(
     num = problem.num_intervals if num_intervals is None else num_intervals
     if depart is None and arrive is None:
         return DepartureProblem(problem.replace(num_intervals=num), None)
+    ranking = replace(RANKING, solver=solver)
     trials: dict[int, MotionProblem] = {}
     found: dict[int, NlpSolution] = {}
 
@@ -112,7 +115,7 @@ def best_departure(
                 start = Guess(known.q_rad, known.torque_nm, known.step_s, known.multipliers)
             else:
                 start = straight_guess(trial)
-            trials[knots], found[knots] = trial, solve_nlp(trial, start, params=RANKING)
+            trials[knots], found[knots] = trial, solve_nlp(trial, start, params=ranking)
         solution = found[knots]
         return solution.cost if solution.status.ok else np.inf
 

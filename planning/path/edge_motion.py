@@ -15,6 +15,7 @@ from dmoc.programme.types import Guess
 from dmoc.refinement import RefineParams, refine
 from dmoc.refinement.fallback import fallback_motion
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.certificate import LEVEL_TOLERANCE
 from planning.collision.world import CollisionWorld, EdgeClearance
 from planning.path.rrt_connect import PathResult, plan_path
@@ -57,6 +58,7 @@ def plan_motion(
     guess: JointTrajectory | None = None,
     guess_planner: str = "none",
     free_guess: Guess | None = None,
+    solver: str = DEFAULT_SOLVER,
 ) -> Motion:
     """The certified motion of `problem` in a station, or the reason why there is none.
 
@@ -79,6 +81,7 @@ def plan_motion(
     settings = params.refine
     if settings is None:
         settings = RefineParams.screening() if quality == "screen" else RefineParams()
+        settings = settings.by(solver)
         asked = max(world.clearance_m, clearance.tracking_error_m)
         spare = max(LEAST_SPARE_M, 2.5 * LEVEL_TOLERANCE * asked)
         settings = settings.replace(clearance_m=asked, spare_m=spare)

@@ -157,9 +157,8 @@ def plan_path(
                 fix="leave it out",
             )
         )
-    instead = ""
-    if planner == "ompl" and ob is None:
-        planner, instead = "compiled", "ompl is not installed: compiled trees"
+    asked, planner = planner, available_planner(planner)
+    instead = "" if planner == asked else f"{asked} is not installed: {planner} trees"
     edge = clearance if isinstance(clearance, EdgeClearance) else clearance.clearance()
     world = edge.world
     start, goal = (world.scene.rows_of(q)[0].copy() for q in (start_rad, goal_rad))
@@ -216,6 +215,11 @@ def plan_path(
         note += f", most often in the way: {pair[0]} - {pair[1]}"
     note = "; ".join(part for part in (note, instead) if part)
     return PathResult(Status.NO_PATH, None, pair, note, iterations, checks, planner)
+
+
+def available_planner(name: str = "ompl") -> str:
+    """The planner that answers for `name` here: the compiled one where OMPL is not installed."""
+    return "compiled" if name == "ompl" and ob is None else name
 
 
 def _growth(edge: EdgeClearance, ends: Array, inflation_m: float) -> Array:

@@ -15,6 +15,7 @@ from dmoc.arrays import Array, readonly
 from dmoc.errors import Fault, InputError
 from dmoc.input_file import FieldPath, InputFaults, confined, read_yaml
 from dmoc.motion.cost import Cost
+from dmoc.order_graph import circle_of
 from dmoc.robot.robot import Robot
 from planning.geometry.nearest import body_distance_m
 from planning.geometry.shapes import Body
@@ -29,7 +30,7 @@ ON_PART_M = 0.05
 T = TypeVar("T")
 
 
-def build_station(path: Path) -> Station:
+def build_station(path: Path, robot_file: Path | None = None) -> Station:
     """Read, validate and build; raises `InputError` with the faults of all sections at once."""
     tree = read_yaml(path)
     if not isinstance(tree.data, dict):
@@ -44,6 +45,7 @@ def build_station(path: Path) -> Station:
             )
         )
     sections = _Sections(path, tree)
+    sections.robot_file = robot_file
     faults = sections.faults
     entry: StationFile | None = None
     try:
@@ -97,6 +99,8 @@ def build_station(path: Path) -> Station:
 class _Sections(InputFaults):
     """Builds each section that is valid by itself, so that one bad field hides no other."""
 
+    robot_file: Path | None = None
+
     def _valid(self, kind: type[T], value: Any) -> T | None:
         try:
             return TypeAdapter(kind).validate_python(value)
@@ -108,7 +112,9 @@ class _Sections(InputFaults):
         if entry is None:
             return None
         field: FieldPath = ("robot",)
-        return self.attempt(field, lambda: build_robot(entry, self.folder, self.refuse(field)))
+        return self.attempt(
+            field, lambda: build_robot(entry, self.folder, self.refuse(field), self.robot_file)
+        )
 
     def tool(self) -> tuple[tuple[Body, ...], Any] | None:
         entry = self._valid(ToolEntry, self.tree.data.get("tool"))
@@ -248,18 +254,11 @@ def _check_pairs(entry: StationFile, names: set[str], studs: set[str], sections:
                     refuse("name-unknown", name, ", ".join(sorted(legal))[:300], "mend the name")
             if pair[0] == pair[1]:
                 refuse("pair", str(pair), "two different names", "remove the pair")
-    before: dict[str, set[str]] = {stud: set() for stud in studs}
-    for first, second in entry.precedence:
-        before.setdefault(second, set()).add(first)
-    while free := [stud for stud, needs in before.items() if not needs]:
-        for stud in free:
-            del before[stud]
-        for needs in before.values():
-            needs.difference_update(free)
-    if before:
+    circle = circle_of((first, second) for first, second in entry.precedence)
+    if circle:
         sections.refuse(("precedence",))(
             "precedence-cycle",
-            " -> ".join(sorted(before)),
+            " -> ".join(circle),
             "an order without a circle",
             "remove one of these precedences",
         )
@@ -272,9 +271,8 @@ def _allowed(
     named: Sequence[Sequence[str]],
 ) -> tuple[tuple[str, str], ...]:
     model = robot.model
-    shaped = {model.frames[item.parentFrame].name for item in robot.geometry().geometryObjects}
-    links = [(f.name, f.parentJoint) for f in model.frames if f.name in shaped]
-    carrier = model.frames[model.getFrameId(robot.flange)].parentJoint
+    links = list({item.link: item.joint for item in robot.link_shapes()}.items())
+    carrier = model.frames[robot.flange_id].parentJoint
     links += [(body.name, carrier) for body in bodies]
     tools = {body.name for body in bodies}
     pairs = {tuple(sorted(pair)) for pair in (*robot.allowed_collisions, *named)}
@@ -291,8 +289,10 @@ def _allowed(
     return tuple(sorted((first, second) for first, second in pairs if {first, second} <= known))
 
 
-def load_station(path: str | Path) -> Station:
+def load_station(path: str | Path, robot_file: Path | None = None) -> Station:
     """The station of a station.yaml (or of the folder that holds one).
+
+    `robot_file` is read in place of the robot that the station names.
 
     Errors: `InputError` with every fault found, each with code, file, line, field, value, legal
     range and fix.
@@ -302,7 +302,7 @@ def load_station(path: str | Path) -> Station:
     target = Path(path)
     if target.is_dir():
         target = target / "station.yaml"
-    return build_station(target)
+    return build_station(target, robot_file)
 
 
 def _stations_root() -> Path:

@@ -13,6 +13,7 @@ from dmoc.arrays import Array, StaysReadonly
 from dmoc.errors import Fault, InputError
 from dmoc.motion.cost import Cost
 from dmoc.robot.robot import Robot
+from planning.geometry.mesh import shape_fingerprint
 from planning.geometry.shapes import Body
 from planning.station.studs import Stud
 
@@ -30,18 +31,7 @@ def station_fingerprint(station: Station) -> str:
                 digest.update(repr(value).encode())
             digest.update(b"|")
 
-    add(station.robot.fingerprint, station.robot.flange)
-    geometry = station.robot.geometry()
-    for item in geometry.geometryObjects:
-        add(
-            item.parentFrame,
-            item.placement.homogeneous,
-            item.meshPath.rsplit("/", 1)[-1],
-            np.array(item.meshScale),
-            type(item.geometry).__name__,
-        )
-        item.geometry.computeLocalAABB()
-        add(np.array(item.geometry.aabb_local.min_), np.array(item.geometry.aabb_local.max_))
+    add(station.robot.fingerprint, shape_fingerprint(station.robot), station.robot.flange)
     for body in (*station.tool_bodies, *station.obstacles):
         add(body.name, body.pose, body.touches)
         for shape in (*body.shapes, *((body.mesh,) if body.mesh else ())):

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
+
+import yaml
 
 from dmoc.errors import DmocError, Fault, InputError
 from dmoc.robot.robot import Robot, available_robots, load_robot
-from dmoc.robot.xml_file import Element, read_xml
 from planning.geometry.mesh import UNITS, load_mesh
 from planning.station.build import load_station
+from planning.station.parts import check_link_meshes
 from planning.station.studs import read_studs
 
 
 def init_station(
-    urdf: str | Path, part: str | Path, studs: str | Path, out: str | Path, unit: str = "m"
+    urdf: str | Path,
+    part: str | Path,
+    studs: str | Path,
+    out: str | Path,
+    unit: str = "m",
+    package_path: Sequence[str | Path] = (),
 ) -> Path:
     """Write `out`/station.yaml with its inputs copied beside it, and return its path.
 
-    `urdf` may be the name of a robot of the package. `unit` is the part's mesh unit, m or mm.
+    `urdf` may be a xacro file, or the name of a robot of the package; its meshes are copied from
+    where the packages lie (`package_path` and the usual places). `unit` is the part's mesh unit.
     Errors: `InputError`, `RobotError`, `MeshError` for inputs that cannot be used; nothing is
     written then. An existing station.yaml is never overwritten.
     """
@@ -40,7 +50,8 @@ def init_station(
         )
     robot: Robot | None = None
     try:
-        robot = load_robot(urdf)
+        robot = load_robot(urdf, package_path)
+        check_link_meshes(robot)
     except DmocError as error:
         faults += error.faults
     for check in (
@@ -57,11 +68,10 @@ def init_station(
     folder.mkdir(parents=True, exist_ok=True)
     _copy(part, folder / part.name)
     _copy(studs, folder / "studs.csv")
-    if not named:
-        _copy_robot(robot.urdf, folder / "robot")
+    copied = robot.urdf if named else copy_robot(robot, folder / "robot")
     text = _TEMPLATE.format(
         name="".join(c if c.isalnum() or c in "_.-" else "_" for c in folder.resolve().name),
-        robot=f"model: {urdf}" if named else f"urdf: robot/{robot.urdf.name}",
+        robot=f"model: {urdf}" if named else f"urdf: robot/{copied.name}",
         part=part.name,
         unit=unit,
         count=robot.num_joints,
@@ -82,22 +92,32 @@ def _copy(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def _copy_robot(urdf: Path, folder: Path) -> None:
-    """The URDF, robot.yaml and the meshes that the URDF names, at the same relative places."""
-    names = {urdf.name, *_meshes(read_xml(urdf))}
-    if urdf.with_name("robot.yaml").is_file():
-        names.add("robot.yaml")
-    for name in sorted(names):
-        target = folder / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        _copy(urdf.parent / name, target)
-
-
-def _meshes(element: Element) -> set[str]:
-    found = {child_name for child in element.children for child_name in _meshes(child)}
-    if element.tag == "mesh":
-        found.add(element.attributes.get("filename", "").removeprefix("package://"))
-    return found
+def copy_robot(robot: Robot, folder: Path) -> Path:
+    """The URDF (a xacro file expanded), its meshes and a robot.yaml that names the flange."""
+    description = robot.description
+    target = folder / f"{description.file.stem.removesuffix('.urdf')}.urdf"
+    folder.mkdir(parents=True, exist_ok=True)
+    if description.text is None:
+        text = description.file.read_bytes()
+    else:
+        text = description.text.encode()
+    for name, path in description.meshes.items():
+        inner = name.split("://", 1)[-1]
+        if name.startswith("file://") or Path(inner).is_absolute() or ".." in Path(inner).parts:
+            number = sum(p.name == path.name for p in folder.rglob(path.name))
+            inner = f"meshes/{number}_{path.name}" if number else f"meshes/{path.name}"
+            for quote in "\"'":
+                text = text.replace(f"{quote}{name}{quote}".encode(), f'"{inner}"'.encode())
+        (folder / inner).parent.mkdir(parents=True, exist_ok=True)
+        _copy(path, folder / inner)
+    if not (target.exists() and target.samefile(description.file)):
+        target.write_bytes(text)
+    settings, beside = folder / "robot.yaml", robot.urdf.with_name("robot.yaml")
+    given = beside.read_text(encoding="utf-8") if beside.is_file() else "schema_version: 1\n"
+    if "flange" not in (yaml.safe_load(given) or {}):
+        given += f"# The link that carries the tool.\nflange: {json.dumps(robot.flange)}\n"
+    settings.write_text(given, encoding="utf-8", newline="\n")
+    return target
 
 
 _TEMPLATE = """\

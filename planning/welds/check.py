@@ -97,7 +97,8 @@ def station_warnings(station: Station) -> tuple[Fault, ...]:
     """Doubts about a station that is otherwise legal, as faults with code, value and fix."""
     file = str(station.source)
     found = (*_tool(station), *_studs(station))
-    return tuple(Fault(f.code, file, f.field, f.value, f.legal, f.fix) for f in found)
+    own = station.robot.description.warnings
+    return (*own, *(Fault(f.code, file, f.field, f.value, f.legal, f.fix) for f in found))
 
 
 def _tool(station: Station) -> Iterator[Fault]:
@@ -199,9 +200,9 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
 
     `studs`: per stud `id`, `alternatives` (their number), `reason` (empty, or what took the
     candidates away, most frequent first), `weld_cost` [least, most] or null; besides `name`,
-    `robot`, `configurations`, `clearance_m`, an empty `errors`, and `warnings`: what is legal but
-    hardly meant, each like an error (code, file, field, value, legal, fix). With `engines` also
-    `engines`: how far the other collision engines are from the station's
+    `robot`, `flange`, `configurations`, `clearance_m`, an empty `errors`, and `warnings`: what is
+    legal but hardly meant, each like an error (code, file, field, value, legal, fix). With
+    `engines` also `engines`: how far the other collision engines are from the station's
     (`planning.welds.check`); more than 1 mm is a warning.
 
     Errors: `InputError` with every fault of the file, or the home pose's collision.
@@ -232,6 +233,7 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
     return {
         "name": station.name,
         "robot": station.robot.name,
+        "flange": station.robot.flange,
         "clearance_m": station.clearance_m,
         "configurations": sum(row["alternatives"] for row in rows),
         "studs": rows,

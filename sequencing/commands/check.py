@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dmoc.errors import Fault
-from planning.station.build import available_stations, demo_station
+from planning.station.build import available_stations, demo_station, load_station
 from planning.station.template import init_station
 from planning.welds.check import check_station
 from sequencing.commands.console import CommandResult, Console, save_json
@@ -18,7 +18,7 @@ def run_check(
     path = demo_station(station).source if station in available_stations() else station
     data = check_station(path, engines)
     studs = data["studs"]
-    console.show(f"{station}: {len(studs)} studs")
+    console.show(f"{station}: {len(studs)} studs, tool on {data['flange']} of {data['robot']}")
     for row in studs:
         reason = f"  {row['reason']}" if row["reason"] else ""
         console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{reason}")
@@ -38,10 +38,21 @@ def run_check(
 
 
 def run_init(
-    console: Console, urdf: Path, part: Path, studs: Path, out: Path | None, unit: str
+    console: Console,
+    urdf: Path,
+    part: Path,
+    studs: Path,
+    out: Path | None,
+    unit: str,
+    package_path: list[Path],
 ) -> CommandResult:
     """Write station.yaml with its inputs copied beside it."""
     folder = Path("station") if out is None else out
-    path = init_station(urdf, part, studs, folder, unit=unit)
-    console.show(f"wrote {path}; next: dmoc check {path}")
-    return CommandResult({"station": str(path)})
+    path = init_station(urdf, part, studs, folder, unit, package_path)
+    robot = load_station(path).robot
+    doubts = robot.description.warnings
+    for doubt in doubts:
+        console.say(f"warning: {doubt}")
+    console.show(f"wrote {path}, the tool on {robot.flange}; next: dmoc check {path}")
+    warnings = [doubt.to_dict() for doubt in doubts]
+    return CommandResult({"station": str(path), "flange": robot.flange, "warnings": warnings})

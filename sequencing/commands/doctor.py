@@ -65,7 +65,7 @@ def run_doctor(console: Console, out: Path | None) -> CommandResult:
     console.show(f"  backend      {backend.mode}; compiler {backend.compiler or 'none'}")
     console.show(
         f"  compiled     {backend.libraries} libraries in {backend.folder}"
-        + ("" if backend.writable else " (not writable: the virtual machine evaluates)")
+        + ("" if backend.writable else " (not ours alone to write: the virtual machine evaluates)")
     )
     console.show(
         f"  collision    {ENGINES[0]} (distances carry their proof, and take a tenth of the time); "

@@ -9,9 +9,8 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from dmoc.refinement.params import Method
 from planning.station.build import available_stations, demo_station, load_station
 from planning.station.station import Station
 from sequencing.commands.console import CommandResult, Console
@@ -24,6 +23,7 @@ from sequencing.report.html import write_report
 from sequencing.report.progress import plan_progress
 from sequencing.report.scene import write_scene
 from sequencing.runs.folder import read_run, write_run
+from sequencing.runs.inputs import locked
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,17 @@ def open_station(name_or_path: str) -> Station:
 
 
 def run_demo(
-    console: Console, seed: int, out: Path | None, workers: int, method: str, polish: bool = False
+    console: Console,
+    seed: int,
+    out: Path | None,
+    workers: int,
+    method: str,
+    solver: str,
+    polish: bool = False,
 ) -> CommandResult:
     """The main job on the embedded eight-stud station."""
     folder = out or Path("runs/demo")
-    return run_plan(console, DEMO, seed, folder, workers, method, None, 0.01, polish)
+    return run_plan(console, DEMO, seed, folder, workers, method, solver, None, 0.01, polish)
 
 
 def run_plan(
@@ -87,6 +93,7 @@ def run_plan(
     out: Path | None,
     workers: int,
     method: str,
+    solver: str,
     max_evaluations: int | None,
     conditional_gap: float,
     polish: bool = False,
@@ -100,26 +107,28 @@ def run_plan(
         conditional_gap=conditional_gap, max_evaluations=max_evaluations, coverage_edges=coverage
     )
     events: list[PlanEvent] = []
-    try:
-        with open_bench(folder, workers) as bench:
-            cycle = plan_station(
-                station,
-                seed=seed,
-                method=cast(Method, method),
-                stop=stop,
-                store=bench.store,
-                executor=bench.executor,
-                progress=_kept(bench.progress, events),
-                polish=polish,
-            )
-    except NoCycle as none:
-        return no_cycle(console, none, folder)
-    planned = time.perf_counter() - began
-    reuse = next(event.reuse for event in reversed(events) if event.reuse is not None)
-    write_run(cycle, folder, _timing(planned, planned, reuse))
-    write_pages(cycle, folder)
-    wall = time.perf_counter() - began
-    write_run(cycle, folder, _timing(planned, wall, reuse))
+    with locked(folder):
+        try:
+            with open_bench(folder, workers) as bench:
+                cycle = plan_station(
+                    station,
+                    seed=seed,
+                    method=method,
+                    solver=solver,
+                    stop=stop,
+                    store=bench.store,
+                    executor=bench.executor,
+                    progress=_kept(bench.progress, events),
+                    polish=polish,
+                )
+        except NoCycle as none:
+            return no_cycle(console, none, folder)
+        planned = time.perf_counter() - began
+        reuse = next(event.reuse for event in reversed(events) if event.reuse is not None)
+        write_run(cycle, folder, _timing(planned, planned, reuse))
+        write_pages(cycle, folder)
+        wall = time.perf_counter() - began
+        write_run(cycle, folder, _timing(planned, wall, reuse))
     console.show((folder / "tables.md").read_text(encoding="utf-8"))
     console.show(f"{reuse.summary()} (listed in timing.json)")
     console.show(

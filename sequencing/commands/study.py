@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -11,15 +12,37 @@ from sequencing.commands.console import CommandResult, Console
 GROUP = "dmoc.studies"
 
 
-def run_study(
-    console: Console,
-    name: str,
-    station: str,
-    seed: int,
-    out: Path | None,
-    workers: int,
-    reduced: bool = False,
-) -> CommandResult:
+@dataclass(frozen=True)
+class StudyOptions:
+    """What the command line says to a study; `station` (A, B or C) is stud-welding's.
+
+    `solver` and `method` are None where the study's own are wanted.
+    """
+
+    station: str = "A"
+    seed: int = 0
+    out: Path | None = None
+    workers: int = 0
+    reduced: bool = False
+    solver: str | None = None
+    method: str | None = None
+
+    def refuse(self, name: str, why: str) -> None:
+        """An option that a study has no use for is a fault, not a silence."""
+        value = getattr(self, name)
+        if value is not None:
+            raise InputError(
+                Fault(
+                    "study-option",
+                    field=f"--{name}",
+                    value=value,
+                    legal=f"none: {why}",
+                    fix="leave it out",
+                )
+            )
+
+
+def run_study(console: Console, name: str, options: StudyOptions) -> CommandResult:
     """Run the study `name` of the entry-point group `dmoc.studies`."""
     found = {entry.name: entry for entry in entry_points(group=GROUP)}
     if name not in found:
@@ -32,5 +55,5 @@ def run_study(
                 fix="name one of them",
             )
         )
-    result: CommandResult = found[name].load()(console, station, seed, out, workers, reduced)
+    result: CommandResult = found[name].load()(console, options)
     return result

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -12,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
 from dmoc.motion.motion import Motion
-from dmoc.refinement.params import Method
+from dmoc.motion.status import Status
+from dmoc.refinement.params import method_named
+from dmoc.solving.solvers import DEFAULT_SOLVER, require_solver
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
@@ -24,6 +24,7 @@ from sequencing import gtsp
 from sequencing.cycle.baseline import TimedSequence, middle_place, time_based_sequences
 from sequencing.cycle.lazy import LazyResult, LazyRound, LazyStop, solve_lazily
 from sequencing.cycle.polish import polish_cycle
+from sequencing.cycle.second_look import MotionLooks
 from sequencing.cycle_types import (
     Cycle,
     CycleCost,
@@ -104,7 +105,8 @@ def plan_station(
     station: Station,
     *,
     seed: int = 0,
-    method: Method = "halfspaces",
+    method: str = "half-spaces",
+    solver: str = DEFAULT_SOLVER,
     stop: PlanStop | None = None,
     executor: Executor | None = None,
     store: EdgeStore | Path | str | None = None,
@@ -117,39 +119,29 @@ def plan_station(
     generalised TSP → final motions at N = 40, certified between the knots → comparison with
     sequences of least travel time. `executor` runs the edges (None: in this process); the result
     is the same, byte for byte, whatever it is. `store` keeps solved edges for the next run
-    (a path is opened and closed again).
+    (a path is opened and closed again). `method` keeps motions free of collisions, `half-spaces`
+    or `boxes`; `solver` is a name of `dmoc.solving.solvers.SOLVERS`.
     `polish` turns the tool of every weld continuously afterwards, for the whole cycle; it never
     makes it dearer, and the gaps keep speaking of the cycle before.
 
     Raises `NoCycle` when no stud has an alternative or no cycle joins those that have one.
     """
     settings, tell = stop or PlanStop(), progress or (lambda event: None)
+    method = method_named(method)
+    require_solver(solver, "solver")
     if not isinstance(store, EdgeStore):
-        with (
-            tempfile.TemporaryDirectory(prefix="dmoc-") as folder,
-            EdgeStore(store or Path(folder) / "edges.sqlite") as opened,
-        ):
+        with EdgeStore(store or ":memory:") as opened:
             return plan_station(
                 station,
                 seed=seed,
                 method=method,
+                solver=solver,
                 stop=stop,
                 executor=executor,
                 store=opened,
                 progress=progress,
                 polish=polish,
             )
-    if method not in ("halfspaces", "boxes"):
-        raise ProblemError(
-            Fault(
-                "method",
-                field="method",
-                value=repr(method),
-                legal="halfspaces, boxes",
-                fix="choose one of them",
-            )
-        )
-
     tell(PlanEvent("alternatives"))
     world = CollisionWorld(station)
     check_home(station, world)
@@ -169,31 +161,35 @@ def plan_station(
         store,
         seed=seed,
         method=method,
+        solver=solver,
         executor=executor,
         progress=lambda event: tell(PlanEvent("edges", event)),
     )
-    try:
-        count = len(nodes.studs)
-        oracle.train(settings.training(count), settings.coverage(count))
-        factors, coverage = oracle.floor_factors(0.01)
-        best, result = _best_cycle(oracle, settings, factors, seed, tell)
-        search = _search(oracle, best, result, (factors, coverage))
-        tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
-        old = time_based_sequences(oracle, settings.baseline_draws, seed)
-        tables = _tables(oracle, found, best, old)
-        polished = None
-        welds, motions = best.welds, best.motions
-        if polish:
-            tell(PlanEvent("polish", best=best.cost.total))
-            welds, motions, polished = polish_cycle(
-                oracle, world, welds, motions, lambda cost: tell(PlanEvent("polish", best=cost))
-            )
-            travel = float(sum(item.motion.cost for item in motions))
-            cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
-            tables = replace(tables, energy_based=cost)
-        tell(PlanEvent("done", best=best.tour.cost, reuse=oracle.reuse()))
-    finally:
-        oracle.close()
+    count = len(nodes.studs)
+    oracle.train(settings.training(count), settings.coverage(count))
+    factors, coverage = oracle.floor_factors(0.01)
+    looks = MotionLooks(station)
+    best, result = _best_cycle(oracle, looks, settings, factors, seed, tell)
+    search = _search(oracle, best, result, (factors, coverage))
+    tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
+    old = time_based_sequences(oracle, settings.baseline_draws, seed)
+    tables = _tables(oracle, found, best, old)
+    polished = None
+    welds, motions = best.welds, best.motions
+    if polish:
+        tell(PlanEvent("polish", best=best.cost.total))
+        welds, motions, polished = polish_cycle(
+            oracle,
+            world,
+            looks,
+            welds,
+            motions,
+            lambda cost: tell(PlanEvent("polish", best=cost)),
+        )
+        travel = float(sum(item.motion.cost for item in motions))
+        cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
+        tables = replace(tables, energy_based=cost)
+    tell(PlanEvent("done", best=best.tour.cost, reuse=oracle.reuse()))
     return Cycle(
         station=station,
         seed=seed,
@@ -206,6 +202,8 @@ def plan_station(
         configurations=nodes.num_configurations,
         unreachable=unreachable,
         polish=polished,
+        second_look=looks.report(motions),
+        solver=solver,
     )
 
 
@@ -227,9 +225,14 @@ class _Executed:
 
 
 def _best_cycle(
-    oracle: StationEdges, settings: PlanStop, factors: Array, seed: int, tell: Progress
+    oracle: StationEdges,
+    looks: MotionLooks,
+    settings: PlanStop,
+    factors: Array,
+    seed: int,
+    tell: Progress,
 ) -> tuple[_Executed, LazyResult]:
-    """The lazy loop, repeated until every motion of its tour is final and certified."""
+    """The lazy loop, repeated until every motion of its tour is final, certified, looked at."""
     nodes, station = oracle.nodes, oracle.station
     base = nodes.problem(_zero_costs(nodes), station)
 
@@ -250,15 +253,18 @@ def _best_cycle(
             callback=show,
         )
         if not result.tour.found:
-            raise NoCycle({"cycle": _why_no_cycle(oracle, result)})
+            raise NoCycle({"cycle": "; ".join([_why_no_cycle(oracle, result), *looks.refused])})
         tell(PlanEvent("final motions", None, result.tour.cost, result.conditional_gap))
         executed, failed = execute(oracle, result.tour)
+        judged = zip(executed.pairs, looks.judged(executed.motions))
+        failed += [pair for pair, item in judged if item.motion.status is Status.UNCERTIFIED]
         oracle.forbid(failed)
         # The loop goes on with the final costs until its tour consists of nothing else: cost and
         # gaps then speak of the cycle that is delivered.
         if not failed and not oracle.settle(executed.pairs, executed.motions):
             return executed, result
-    raise NoCycle({"cycle": f"no tour with certified final motions in {MAX_FINAL_REPAIRS} tries"})
+    why = f"no tour with certified final motions in {MAX_FINAL_REPAIRS} tries"
+    raise NoCycle({"cycle": "; ".join([why, *looks.refused])})
 
 
 def _zero_costs(nodes: StationNodes) -> np.ndarray:

@@ -18,6 +18,7 @@ from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.station.studs import Stud
 from planning.welds.alternatives_search import weld_cost
+from sequencing.cycle.second_look import MotionLooks
 from sequencing.cycle.spin import (
     EndGradient,
     admissible,
@@ -51,6 +52,7 @@ class _State:
 def polish_cycle(
     oracle: StationEdges,
     world: CollisionWorld,
+    looks: MotionLooks,
     welds: tuple[Weld, ...],
     motions: tuple[CycleMotion, ...],
     tell: Callable[[float], None],
@@ -71,7 +73,7 @@ def polish_cycle(
     while sweeps < MAX_SWEEPS and max(state.step_rad, default=0.0) >= LEAST_STEP_RAD:
         sweeps += 1
         for batch in _batches(count, len(motions) == count):
-            _move(oracle, world, studs, state, batch)
+            _move(oracle, world, looks, studs, state, batch)
             tell(_total(state))
     moved = tuple(
         (weld.stud, turned) for weld, turned in zip(state.welds, state.turned_rad) if turned
@@ -102,6 +104,7 @@ def _around(state: _State, weld: int) -> tuple[int, int]:
 def _move(
     oracle: StationEdges,
     world: CollisionWorld,
+    looks: MotionLooks,
     studs: dict[str, Stud],
     state: _State,
     batch: list[int],
@@ -132,11 +135,12 @@ def _move(
         wanted.append(_between(studs, out, start=q))
     found = oracle.between(wanted)
     for (k, q, turn), reaching, leaving in zip(trials, found[::2], found[1::2]):
-        _accept(station, studs, state, k, q, turn, (reaching, leaving))
+        _accept(station, looks, studs, state, k, q, turn, (reaching, leaving))
 
 
 def _accept(
     station: Station,
+    looks: MotionLooks,
     studs: dict[str, Stud],
     state: _State,
     k: int,
@@ -149,12 +153,14 @@ def _accept(
     old = weld.cost + sum(state.motions[m].motion.cost for m in places)
     new = holding + sum(motion.cost for motion in found)
     good = all(m.status.ok and m.certified and m.trajectory is not None for m in found)
-    if not good or new > old * (1.0 - WORTH):
+    items = [replace(state.motions[m], motion=motion) for m, motion in zip(places, found)]
+    worth = good and new <= old * (1.0 - WORTH)
+    if not worth or any(looks.touch(item) is not None for item in items):
         state.step_rad[k] *= 0.4
         return
     state.welds[k] = replace(weld, q_rad=q, cost=holding)
-    for place, motion in zip(places, found):
-        state.motions[place] = replace(state.motions[place], motion=motion)
+    for place, item in zip(places, items):
+        state.motions[place] = item
     state.turned_rad[k] += turn
     count = len(state.welds)
     for near in (k - 1, k, k + 1):  # their motions changed

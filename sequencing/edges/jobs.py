@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
-from collections.abc import Iterator
-from concurrent.futures import Executor, Future, as_completed
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections import deque
+from collections.abc import Iterator, Sized
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dmoc.arrays import Array
+from dmoc.errors import Fault, ProblemError
 from dmoc.motion.motion import Motion
+from dmoc.motion.status import Status
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.station.station import Station
 from sequencing.edges.nodes import HOME, StationNodes
 from sequencing.edges.store import EdgeStore, encode_motion
@@ -21,10 +23,13 @@ from sequencing.edges.worker import (
     EdgeJob,
     EdgeResult,
     Quality,
+    bundle_of,
     context_fingerprint,
     solve_edge,
-    write_context,
 )
+
+# Edges that are handed out at once: a worker more than it can do, and all together.
+PER_WORKER, MOST_FLYING = 4, 64
 
 
 @dataclass(frozen=True)
@@ -47,26 +52,38 @@ class EdgeKeys:
     Studs elsewhere are no part of it: editing one leaves the edges of the others valid.
     """
 
-    def __init__(self, station: Station, nodes: StationNodes, method: Method, seed: int) -> None:
+    def __init__(
+        self,
+        station: Station,
+        nodes: StationNodes,
+        method: Method,
+        seed: int,
+        solver: str = DEFAULT_SOLVER,
+    ) -> None:
         self.station, self.nodes, self.seed = station, nodes, seed
-        self.fingerprint = context_fingerprint(station, method)
+        self.method, self.solver = method, solver
+        self.fingerprint = context_fingerprint(station, method, solver)
 
     def key(self, low: int, high: int, quality: Quality) -> str:
         """Of the edge between two nodes."""
-        digest = hashlib.sha256(f"{self.fingerprint}|{quality}|{self.seed}|".encode())
-        for node in (low, high):
-            digest.update(self._pose(node))
-            digest.update(self._line(self.stud(node)))
-        return digest.hexdigest()
+        return self._key(quality, self.ends(low, high))
 
     def key_between(self, item: Between, screened: bytes) -> str:
         """Of a motion between poses that are no nodes."""
-        digest = hashlib.sha256(f"{self.fingerprint}|between|{self.seed}|".encode())
-        for stud, q in ((item.origin, item.start_rad), (item.target, item.goal_rad)):
-            digest.update(np.ascontiguousarray(q, dtype=float).tobytes())
-            digest.update(self._line(stud))
-        digest.update(hashlib.sha256(screened).digest())
-        return digest.hexdigest()
+        return self._key("between", self.ends_between(item) + hashlib.sha256(screened).digest())
+
+    def ends(self, low: int, high: int) -> bytes:
+        """Poses and departure lines of the edge between two nodes."""
+        return b"".join(self._pose(v) + self._line(self.stud(v)) for v in (low, high))
+
+    def ends_between(self, item: Between) -> bytes:
+        """Poses and departure lines of a motion between poses that are no nodes."""
+        ends = ((item.origin, item.start_rad), (item.target, item.goal_rad))
+        return b"".join(np.array(q, dtype=float).tobytes() + self._line(stud) for stud, q in ends)
+
+    def _key(self, kind: str, ends: bytes) -> str:
+        head = f"{self.fingerprint}|{kind}|{self.seed}|".encode()
+        return hashlib.sha256(head + ends).hexdigest()
 
     def draws(self, pairs: np.ndarray) -> Array:
         """A random number (P,) for every pair, from the seed and its two ends alone."""
@@ -119,74 +136,128 @@ class EdgeCounts:
 class EdgeJobs:
     """Makes the jobs of a station and solves them in `executor`, or here without one.
 
-    Every result is in the store before it is handed on. `close` removes the workers' context.
+    Every result is in the store before it is handed on. A worker that is killed costs the time of
+    the edges in flight: they are solved again, one at a time, in fresh workers, and one that kills
+    its worker once more is `lost`: it has no motion in this run, and is not stored.
     """
 
-    def __init__(
-        self, keys: EdgeKeys, store: EdgeStore, method: Method, executor: Executor | None
-    ) -> None:
-        self.keys, self.store, self.method, self.executor = keys, store, method, executor
+    def __init__(self, keys: EdgeKeys, store: EdgeStore, executor: Executor | None) -> None:
+        self.keys, self.store, self.executor = keys, store, executor
         self.counts = EdgeCounts()
-        self._folder = tempfile.TemporaryDirectory(prefix="dmoc-")
-        self._context = write_context(keys.station, Path(self._folder.name))
+        self.lost: dict[str, Motion] = {}
+        self._context, self._bundle = bundle_of(keys.station)
 
     def job(self, low: int, high: int, quality: Quality) -> EdgeJob:
         """Of the edge between two nodes; a final one starts from the screened motion."""
         keys, q = self.keys, self.keys.nodes.q_rad
-        key = keys.key(low, high, quality)
         screened = self.store.get(keys.key(low, high, "screen")) if quality == "final" else None
-        ends = (keys.stud(low), keys.stud(high))
-        return self._job(key, ends, (q[low], q[high]), quality, screened)
+        return EdgeJob(
+            context=self._context,
+            key=keys.key(low, high, quality),
+            origin=keys.stud(low),
+            target=keys.stud(high),
+            start_rad=tuple(q[low]),
+            goal_rad=tuple(q[high]),
+            quality=quality,
+            method=self.keys.method,
+            solver=self.keys.solver,
+            screened=screened,
+            seed=self._seed(keys.ends(low, high)),
+        )
 
     def job_between(self, item: Between) -> EdgeJob:
         """Of a final motion between poses that are no nodes."""
         screened = encode_motion(item.like)
-        key = self.keys.key_between(item, screened)
-        ends = (item.origin, item.target)
-        return self._job(key, ends, (item.start_rad, item.goal_rad), "final", screened)
-
-    def solve(self, jobs: list[EdgeJob]) -> Iterator[EdgeResult]:
-        """Results as they finish, stored and counted."""
-        for result in self._results(jobs):
-            self.store.put(result.key, result.payload)
-            self.counts.solved += 1
-            self.counts.cpu_s += result.cpu_s
-            yield result
-
-    def close(self) -> None:
-        """Remove the workers' context file."""
-        self._folder.cleanup()
-
-    def _job(
-        self,
-        key: str,
-        ends: tuple[str | None, str | None],
-        poses: tuple[Array, Array],
-        quality: Quality,
-        screened: bytes | None,
-    ) -> EdgeJob:
-        digest = hashlib.sha256(f"{self.keys.seed}|{key}".encode())
         return EdgeJob(
             context=self._context,
-            key=key,
-            origin=ends[0],
-            target=ends[1],
-            start_rad=tuple(poses[0]),
-            goal_rad=tuple(poses[1]),
-            quality=quality,
-            method=self.method,
+            key=self.keys.key_between(item, screened),
+            origin=item.origin,
+            target=item.target,
+            start_rad=tuple(item.start_rad),
+            goal_rad=tuple(item.goal_rad),
+            quality="final",
+            method=self.keys.method,
+            solver=self.keys.solver,
             screened=screened,
-            seed=int(digest.hexdigest()[:8], 16),
+            seed=self._seed(self.keys.ends_between(item)),
         )
+
+    def solve(self, jobs: list[EdgeJob]) -> Iterator[str]:
+        """Keys as their edges are solved, stored and counted."""
+        for result in self._results(jobs):
+            if result.payload is not None:
+                self.store.put(result.key, result.payload)
+            self.counts.solved += 1
+            self.counts.cpu_s += result.cpu_s
+            yield result.key
+
+    def motion(self, key: str) -> Motion | None:
+        """What is known of an edge: from the store, or that it was lost."""
+        return self.lost.get(key) or self.store.motion(key, self.keys.station.robot)
+
+    def _seed(self, ends: bytes) -> int:
+        """From the run's seed and the ends alone: another version plans by the same numbers."""
+        return int(hashlib.sha256(f"{self.keys.seed}|".encode() + ends).hexdigest()[:8], 16)
 
     def _results(self, jobs: list[EdgeJob]) -> Iterator[EdgeResult]:
         if self.executor is None:
-            yield from map(solve_edge, jobs)
+            yield from (solve_edge(replace(job, bundle=self._bundle)) for job in jobs)
             return
-        futures: list[Future[EdgeResult]] = [self.executor.submit(solve_edge, job) for job in jobs]
+        waiting, suspects = deque(jobs), deque[EdgeJob]()
+        flying: dict[Future[EdgeResult], EdgeJob] = {}
+        alone = False  # one suspect is being tried by itself
         try:
-            for future in as_completed(futures):
-                yield future.result()
+            while waiting or suspects or flying:
+                try:
+                    while (suspects and not flying) or (waiting and self._room(flying, alone)):
+                        alone = bool(suspects)
+                        job = (suspects or waiting)[0]
+                        flying[self.executor.submit(solve_edge, job)] = job
+                        (suspects or waiting).popleft()
+                    for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                        result, job = future.result(), flying.pop(future)
+                        if result.payload is None:  # that worker has not seen the station
+                            waiting.appendleft(replace(job, bundle=self._bundle))
+                        else:
+                            yield result
+                    alone = alone and bool(flying)
+                except BrokenExecutor as error:
+                    broken = list(flying.values())
+                    flying.clear()
+                    self._renew(broken, error)
+                    if alone and broken:
+                        yield self._give_up(broken[0])
+                    else:
+                        suspects += [replace(job, bundle=self._bundle) for job in broken]
+                    alone = False
         finally:
-            for future in futures:
+            for future in flying:
                 future.cancel()
+
+    def _room(self, flying: Sized, alone: bool) -> bool:
+        """Few edges are handed out at once, so that few are suspect when a worker dies."""
+        workers = getattr(self.executor, "_max_workers", None) or MOST_FLYING // PER_WORKER
+        return not alone and len(flying) < min(MOST_FLYING, PER_WORKER * workers)
+
+    def _renew(self, broken: list[EdgeJob], error: BrokenExecutor) -> None:
+        renew = getattr(self.executor, "renew", None)
+        if renew is None:
+            ends = ", ".join(f"{job.origin or HOME} → {job.target or HOME}" for job in broken)
+            raise ProblemError(
+                Fault(
+                    "workers-gone",
+                    field="executor",
+                    value=f"{error}; in flight: {ends}"[:400],
+                    legal="workers that stay, or an executor with `renew`",
+                    fix="run again: finished edges are kept",
+                )
+            ) from error
+        renew()
+
+    def _give_up(self, job: EdgeJob) -> EdgeResult:
+        """An edge that has killed its worker twice."""
+        note = f"{job.origin or HOME} → {job.target or HOME} killed its worker twice"
+        self.lost[job.key] = Motion(
+            Status.NUMERICAL_FAILURE, "fallback", None, float("inf"), note=note
+        )
+        return EdgeResult(job.key, None, 0.0)

@@ -13,6 +13,7 @@ from dmoc.arrays import Array
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import Motion
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from sequencing.bounds import power_bound, travel_bound
@@ -21,7 +22,7 @@ from sequencing.edges.estimates import StationEstimates
 from sequencing.edges.jobs import Between, EdgeJobs, EdgeKeys
 from sequencing.edges.learned import LearnedEstimate, training_pairs
 from sequencing.edges.nodes import HOME, StationNodes
-from sequencing.edges.store import EdgeStore, decode_motion
+from sequencing.edges.store import EdgeStore
 from sequencing.edges.worker import Quality
 
 Pairs = npt.NDArray[np.int64]
@@ -58,13 +59,14 @@ class StationEdges:
         *,
         seed: int = 0,
         method: Method = "halfspaces",
+        solver: str = DEFAULT_SOLVER,
         executor: Executor | None = None,
         progress: Callable[[EdgeEvent], None] | None = None,
     ) -> None:
         self.station, self.nodes, self.store = station, nodes, store
         self.seed, self.progress = seed, progress
-        self.keys = EdgeKeys(station, nodes, method, seed)
-        self.jobs = EdgeJobs(self.keys, store, method, executor)
+        self.keys = EdgeKeys(station, nodes, method, seed, solver)
+        self.jobs = EdgeJobs(self.keys, store, executor)
         self.costs: dict[tuple[int, int], float] = {}
         self.held_out: set[tuple[int, int]] = set()
         self.num_training = 0
@@ -96,6 +98,9 @@ class StationEdges:
 
     def motions(self, pairs: Pairs, quality: Quality = "screen") -> list[Motion]:
         """The motions of directed pairs, in their direction."""
+        for pair in {self._canonical(i, j) for i, j in pairs}:
+            if self.jobs.motion(self.keys.key(*pair, "screen")) is None:
+                self.costs.pop(pair, None)  # not yet solved, or damaged since
         self._solve(pairs, "screen")
         if quality == "final":
             self._solve(pairs, "final")
@@ -111,7 +116,7 @@ class StationEdges:
     def between(self, wanted: Sequence[Between]) -> list[Motion]:
         """Final motions between poses that are no nodes, solved in one batch and stored."""
         jobs = [self.jobs.job_between(item) for item in wanted]
-        missing = {job.key: job for job in jobs if self.store.get(job.key) is None}
+        missing = {job.key: job for job in jobs if self.jobs.motion(job.key) is None}
         self.jobs.counts.reused += len(jobs) - len(missing)
         for _ in self.jobs.solve(list(missing.values())):
             pass
@@ -161,6 +166,7 @@ class StationEdges:
         return Reuse(
             tuple(self._names(pair) for pair in sorted(counts.reused_edges - counts.solved_edges)),
             tuple(self._names(pair) for pair in sorted(counts.solved_edges)),
+            tuple(motion.note for motion in self.jobs.lost.values()),
         )
 
     def _names(self, pair: tuple[int, int]) -> tuple[str, str]:
@@ -170,10 +176,6 @@ class StationEdges:
             for node in pair
         )
         return low, high
-
-    def close(self) -> None:
-        """Remove the workers' context file."""
-        self.jobs.close()
 
     # ---- inside ------------------------------------------------------------------------------
 
@@ -196,9 +198,10 @@ class StationEdges:
         return bounds if holding is None else np.maximum(bounds, holding(self._pairs, waypoints))
 
     def _stored(self, key: str) -> Motion:
-        payload = self.store.get(key)
-        assert payload is not None
-        return decode_motion(payload, self.station.robot)
+        motion = self.jobs.motion(key)
+        if motion is None:
+            raise self.store.damaged("an edge that was just written cannot be read")
+        return motion
 
     def _solve(self, pairs: Pairs, quality: Quality) -> None:
         wanted = sorted({self._canonical(i, j) for i, j in pairs})
@@ -207,26 +210,25 @@ class StationEdges:
         jobs, owner, counts = [], {}, self.jobs.counts
         for pair in wanted:
             key = self.keys.key(*pair, quality)
-            payload = self.store.get(key)
-            if payload is not None:
+            motion = self.jobs.motion(key)
+            if motion is not None:
                 counts.reused += 1
                 counts.reused_edges.add(pair)
-                self._finish(pair, payload, quality)
+                self._finish(pair, motion, quality)
             else:
                 jobs.append(self.jobs.job(*pair, quality))
                 owner[key] = pair
         left = len(jobs)
-        for result in self.jobs.solve(jobs):
+        for key in self.jobs.solve(jobs):
             left -= 1
-            counts.solved_edges.add(owner[result.key])
-            self._finish(owner[result.key], result.payload, quality)
+            counts.solved_edges.add(owner[key])
+            self._finish(owner[key], self._stored(key), quality)
             if self.progress is not None:
                 self.progress(EdgeEvent(counts.solved, counts.failed, left, counts.reused, quality))
 
-    def _finish(self, pair: tuple[int, int], payload: bytes, quality: Quality) -> None:
+    def _finish(self, pair: tuple[int, int], motion: Motion, quality: Quality) -> None:
         if quality != "screen":
             return
-        motion = decode_motion(payload, self.station.robot)
         usable = motion.status.ok and motion.certified and motion.trajectory is not None
         self.costs[pair] = motion.cost if usable else np.inf
         self.jobs.counts.failed += not usable

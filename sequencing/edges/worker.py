@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
+import threading
 import time
+import zlib
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib import resources
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -19,8 +22,10 @@ from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.physics.resimulation import replay_motion
 from dmoc.refinement import RefineParams
 from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.warming import warm_up
 from planning.collision.world import CollisionWorld
+from planning.geometry.mesh import shape_fingerprint
 from planning.geometry.shapes import Body
 from planning.path.departure import LineFunction, best_departure
 from planning.path.edge_motion import EdgeParams, plan_motion
@@ -29,19 +34,33 @@ from planning.station.studs import Stud
 from planning.welds.poses import departure_point, weld_line
 from sequencing.edges.store import decode_motion, encode_motion
 
-# Raised whenever a change of the code changes the motion that an edge gets.
-EDGE_VERSION = 6
+# Whose code decides what an edge gets: kernels, programme, planner, departure, this file.
+CODE = ("dmoc", "planning")
+LIBRARIES = (
+    "casadi",
+    "coal",
+    "llvmlite",
+    "numba",
+    "numpy",
+    "ompl",
+    "pin",
+    "python-fcl",
+    "scipy",
+    "toppra",
+)
 
+T = TypeVar("T")
 Quality = Literal["screen", "final"]
 NUM_INTERVALS: dict[Quality, int] = {"screen": 20, "final": 40}
 
 
 @dataclass(frozen=True)
 class EdgeJob:
-    """What a worker needs: the context file (a station), the two ends, quality and seed.
+    """What a worker needs: the station, the two ends, quality and seed; no file of anybody's.
 
-    `origin` and `target` are stud ids, None for home. `start_rad` and `goal_rad` (n,) as tuples.
-    `screened` is the screening motion that a final solve starts from.
+    `context` names the station by the sha256 of `bundle`, its bytes, which a worker must be given
+    once (None: it has them). `origin` and `target` are stud ids, None for home. `start_rad` and
+    `goal_rad` (n,) as tuples. `screened` is the screening motion that a final solve starts from.
     """
 
     context: str
@@ -53,43 +72,74 @@ class EdgeJob:
     quality: Quality
     method: Method
     seed: int
+    solver: str = DEFAULT_SOLVER
     screened: bytes | None = None
+    bundle: bytes | None = None
 
 
 @dataclass(frozen=True)
 class EdgeResult:
-    """Key, encoded motion, and the CPU seconds that it took (reported, never stored)."""
+    """Key, encoded motion, and the CPU seconds that it took (reported, never stored).
+
+    Without a payload the worker lacks the station: send the job again with its bundle.
+    """
 
     key: str
-    payload: bytes
+    payload: bytes | None
     cpu_s: float
 
 
-def write_context(station: Station, folder: Path) -> str:
-    """Write the station for the workers; returns the path. The file lives as long as the run."""
-    path = folder / f"context-{station.fingerprint[:16]}-{os.getpid()}.pickle"
-    path.write_bytes(pickle.dumps(station))
-    return str(path)
+def bundle_of(station: Station) -> tuple[str, bytes]:
+    """A station's bytes for workers, and their name."""
+    bundle = zlib.compress(pickle.dumps(station), 1)
+    return hashlib.sha256(bundle).hexdigest(), bundle
 
 
-@lru_cache(maxsize=2)
-def _context(path: str) -> tuple[Station, CollisionWorld, dict[str, Stud]]:
-    # Only files written by `write_context` of the same run are read here.
-    station: Station = pickle.loads(Path(path).read_bytes())
-    world = CollisionWorld(station)
-    # Workers that start together on a fresh machine share the compilation of the kernels.
-    warm_up(world, reverse=os.getpid() % 2 == 1)
-    return station, world, {stud.id: stud for stud in station.studs}
+Context = tuple[Station, CollisionWorld, dict[str, Stud]]
+MOST_CONTEXTS = 2
+_bundles: dict[str, bytes] = {}
+_of_thread = threading.local()
+# Worlds are one a thread, but compiled programmes keep workspace for the whole process.
+_turn = threading.Lock()
+
+
+def _context(job: EdgeJob) -> Context | None:
+    """Station and world of a job in this thread; None where nobody sent the station yet."""
+    known: dict[str, Context] = _of_thread.__dict__.setdefault("known", {})
+    if job.context not in known:
+        if job.bundle is not None:
+            _keep(_bundles, job.context, job.bundle)
+        if job.context not in _bundles:
+            return None
+        # Only what `bundle_of` made: it comes the way of the job, which the executor pickles.
+        station: Station = pickle.loads(zlib.decompress(_bundles[job.context]))
+        world = CollisionWorld(station)
+        # Workers that start together on a fresh machine share the compilation of the kernels.
+        warm_up(world, reverse=os.getpid() % 2 == 1)
+        _keep(known, job.context, (station, world, {stud.id: stud for stud in station.studs}))
+    return known[job.context]
+
+
+def _keep(kept: dict[str, T], name: str, value: T) -> None:
+    kept[name] = value
+    while len(kept) > MOST_CONTEXTS:
+        del kept[next(iter(kept))]
 
 
 def solve_edge(job: EdgeJob) -> EdgeResult:
-    """Plan and refine the motion of a job. Expected failure is a status of the motion."""
-    began = time.process_time()
-    station, world, studs = _context(job.context)
-    motion = edge_motion(station, world, studs, job)
-    if job.quality == "final" and motion.trajectory is not None:
-        motion = replay_motion(motion, station.cost)
-    return EdgeResult(job.key, encode_motion(motion), time.process_time() - began)
+    """Plan and refine the motion of a job. Expected failure is a status of the motion.
+
+    Threads of one process take turns.
+    """
+    with _turn:
+        began = time.process_time()
+        context = _context(job)
+        if context is None:
+            return EdgeResult(job.key, None, 0.0)
+        motion = edge_motion(*context, job)
+        if job.quality == "final" and motion.trajectory is not None:
+            motion = replay_motion(motion, context[0].cost)
+        return EdgeResult(job.key, encode_motion(motion), time.process_time() - began)
 
 
 def edge_motion(
@@ -103,6 +153,7 @@ def edge_motion(
         None if origin is None else _line(station, origin, start),
         None if target is None else _line(station, target, goal),
         NUM_INTERVALS[job.quality],
+        job.solver,
     )
     clearance = world.clearance(
         start_line=None if origin is None or not origin.on else weld_line(station, origin),
@@ -123,6 +174,7 @@ def edge_motion(
         guess=guess,
         guess_planner=guess_planner,
         free_guess=departure.guess,
+        solver=job.solver,
     )
 
 
@@ -130,23 +182,33 @@ def _line(station: Station, stud: Stud, q_rad: Array) -> LineFunction:
     return lambda fraction: departure_point(station, stud, q_rad, fraction)
 
 
-def context_fingerprint(station: Station, method: str) -> str:
-    """sha256 of everything but the two ends that decides an edge: robot, shapes, cost, versions.
+def context_fingerprint(station: Station, method: str, solver: str = DEFAULT_SOLVER) -> str:
+    """sha256 of everything but the two ends that decides an edge: robot, shapes, cost, code.
 
-    The list of studs is not part of it: editing one stud leaves the edges of the others valid.
+    Shapes count by content. The list of studs is not part of it: editing one leaves the edges of
+    the others valid. Nor are the meshes behind the pieces: the second look reads those anew.
     """
     digest = hashlib.sha256()
-    digest.update(f"{EDGE_VERSION}|{method}|{station.cost!r}|{station.clearance_m!r}".encode())
+    digest.update(f"{method}|{station.cost!r}|{station.clearance_m!r}".encode())
     digest.update(repr((sorted(station.allowed_collisions), station.engine)).encode())
-    # By the name that the settings of a solve had when the first stores were written: what is in
-    # them stays found, and every edge keeps its seed.
-    settings = repr((RefineParams(), EdgeParams(), NUM_INTERVALS))
-    digest.update(settings.replace("SolveParams(", "IpoptParams(").encode())
-    for name in ("dmoc", "casadi", "pin", "coal", "ompl", "numba", "numpy", "scipy", "toppra"):
+    digest.update(repr((RefineParams().by(solver), EdgeParams(), NUM_INTERVALS)).encode())
+    for name in LIBRARIES:
         digest.update(f"{name}={_version(name)};".encode())
-    digest.update(station.robot.fingerprint.encode())
+    robot = station.robot
+    digest.update(f"{code_fingerprint()}{robot.fingerprint}{shape_fingerprint(robot)}".encode())
     for body in (*station.tool_bodies, *station.obstacles):
         _digest_body(digest, body)
+    return digest.hexdigest()
+
+
+@lru_cache(maxsize=1)
+def code_fingerprint() -> str:
+    """sha256 of the source text of `CODE` and of this file: another text may give other motions."""
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for package in CODE:
+        root = Path(str(resources.files(package)))
+        for path in sorted(root.rglob("*.py")):
+            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 
@@ -162,6 +224,6 @@ def _digest_body(digest: hashlib._Hash, body: Body) -> None:
     digest.update(np.ascontiguousarray(body.pose).tobytes())
     for shape in body.shapes:
         digest.update(f"{shape.kind}{shape.size_m!r}".encode())
-        digest.update(np.ascontiguousarray(shape.pose).tobytes())
-        if shape.vertices_m is not None:
-            digest.update(np.ascontiguousarray(shape.vertices_m).tobytes())
+        for array in (shape.pose, shape.vertices_m, shape.faces):
+            if array is not None:
+                digest.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())

@@ -7,7 +7,8 @@ import numpy as np
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError
 from dmoc.motion.trajectory import JointTrajectory
-from sequencing.runs.folder import Run
+from sequencing.cycle.second_look import MotionLooks
+from sequencing.runs.folder import Run, station_of
 
 # The optimiser keeps its limits at the knots and on average between them; the smooth curve through
 # the knots may bulge a little beyond, less than a controller's own supervision lets through.
@@ -22,10 +23,15 @@ def check_exportable(run: Run) -> None:
     """Refuse a run whose curve leaves the robot's limits, or that is not free of collision.
 
     Positions and speeds are checked eight times an interval along the curve that is exported,
-    torques on every interval. Errors: `InputError` with one fault per motion, joint and limit.
+    torques on every interval. A second engine must have looked at every motion; where the run does
+    not say so (it was planned before), that happens now, in the run's station. Errors: `InputError`
+    with one fault per motion, joint and limit, or run-station where that station is gone.
     """
     faults: list[Fault] = []
     file = str(run.folder)
+    look = run.result.get("second_look") or {}
+    seen = look.get("contacts") == 0 and look.get("motions") == len(run.motions)
+    looks = MotionLooks(station_of(run)) if run.planned and not seen else None
     for item in run.motions:
         where = f"motions.{item.key}"
         trajectory = item.motion.trajectory
@@ -41,13 +47,14 @@ def check_exportable(run: Run) -> None:
                 )
             )
             continue
-        if item.motion.certified is False:
+        touch = None if looks is None else looks.touch(item)
+        if item.motion.certified is False or touch is not None:
             faults.append(
                 Fault(
                     "export-uncertified",
                     file=file,
                     field=where,
-                    value="not certified",
+                    value="not certified" if touch is None else str(touch),
                     legal="every motion certified free of collision between its knots",
                     fix="plan again with more intervals or repair rounds, or another departure",
                 )

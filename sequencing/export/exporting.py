@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from sequencing.export.checks import check_exportable
 from sequencing.export.krl import krl_program
 from sequencing.export.rapid import rapid_program
@@ -86,24 +86,20 @@ def export_run(run: Run, format: str, out: Path | str, step_s: float | None = No
     export-motion or export-joints; nothing is written then.
     """
     if format not in _WRITERS:
-        raise InputError(
-            Fault(
-                "export-format",
-                field="format",
-                value=format,
-                legal=", ".join(EXPORT_FORMATS),
-                fix="choose one of these",
-            )
+        raise InputError.of(
+            "export-format",
+            field="format",
+            value=format,
+            legal=", ".join(EXPORT_FORMATS),
+            fix="choose one of these",
         )
     if step_s is not None and not 0.001 <= step_s <= 1.0:
-        raise InputError(
-            Fault(
-                "export-step",
-                field="step_s",
-                value=repr(step_s),
-                legal="0.001 to 1 s",
-                fix="UR controllers take 0.002 or 0.008 s",
-            )
+        raise InputError.of(
+            "export-step",
+            field="step_s",
+            value=repr(step_s),
+            legal="0.001 to 1 s",
+            fix="UR controllers take 0.002 or 0.008 s",
         )
     check_exportable(run)
     files, deviation = _WRITERS[format](run, step_s)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.motion.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion, Weld
 from sequencing.runs.clock import trajectory_of
@@ -109,15 +109,13 @@ def program_name(text: str, language: str) -> str:
 def six_joints(run: Run, language: str) -> None:
     """Refuse a robot that does not have the six joints that `language` can name."""
     if len(run.joint_names) != 6:
-        raise InputError(
-            Fault(
-                "export-joints",
-                file=str(run.folder),
-                field="robot.joint_names",
-                value=str(len(run.joint_names)),
-                legal=f"6 joints for {language}",
-                fix="use csv or ros for other arms",
-            )
+        raise InputError.of(
+            "export-joints",
+            file=str(run.folder),
+            field="robot.joint_names",
+            value=str(len(run.joint_names)),
+            legal=f"6 joints for {language}",
+            fix="use csv or ros for other arms",
         )
 
 

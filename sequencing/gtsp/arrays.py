@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,17 +33,29 @@ def below(state, n):  # type: ignore[no-untyped-def]
     return min(int(uniform(state) * n), n - 1)
 
 
-@dataclass(frozen=True, eq=False)
-class Arrays:
-    """turned (N, N) costᵀ; into (M, N) least cost from a node into a cluster; outof (M, N) least
-    cost from a cluster into a node; near (M, K) clusters by least distance; scale: a typical
-    edge of a good tour."""
+class Tables(NamedTuple):
+    """Parts of the normal form, and turned (N, N) costᵀ; into (M, N) least cost from a node into a
+    cluster; outof (M, N) least cost from a cluster into a node; near (M, K) clusters by least
+    distance."""
 
-    form: NormalForm
+    cost: np.ndarray
     turned: np.ndarray
     into: np.ndarray
     outof: np.ndarray
+    ptr: np.ndarray
+    cluster: np.ndarray
+    before: np.ndarray
+    ordered: bool
+    pinned: bool
     near: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """A normal form, its tables, and a typical edge of a good tour as the scale."""
+
+    form: NormalForm
+    tables: Tables
     scale: float
 
 
@@ -62,11 +75,16 @@ def prepare(form: NormalForm) -> Arrays:
     nearest = between.min(axis=1)
     nearest = nearest[nearest < form.penalty / 2]
     scale = float(np.abs(nearest).mean()) if nearest.size else 1.0
-    return Arrays(
-        form=form,
-        turned=np.ascontiguousarray(cost.T),
-        into=np.ascontiguousarray(into.T),
-        outof=outof,
-        near=np.ascontiguousarray(near, dtype=np.int64),
-        scale=scale or 1.0,
+    tables = Tables(
+        cost,
+        np.ascontiguousarray(cost.T),
+        np.ascontiguousarray(into.T),
+        outof,
+        form.ptr,
+        form.cluster,
+        form.before,
+        form.ordered,
+        form.pinned,
+        np.ascontiguousarray(near, dtype=np.int64),
     )
+    return Arrays(form, tables, scale or 1.0)

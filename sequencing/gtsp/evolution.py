@@ -15,6 +15,7 @@ import numpy as np
 
 from sequencing.gtsp.arrays import Arrays, stream
 from sequencing.gtsp.normalise import NormalForm
+from sequencing.gtsp.ruin_recreate_kernel import anneal, insert_cheapest
 
 
 def random_order(form: NormalForm, generator: np.random.Generator) -> np.ndarray:
@@ -36,8 +37,6 @@ def random_order(form: NormalForm, generator: np.random.Generator) -> np.ndarray
 
 def insertion_tour(arrays: Arrays, generator: np.random.Generator, state: np.ndarray) -> np.ndarray:
     """A tour (M,) of nodes: clusters in random order, each at its cheapest place and node."""
-    from sequencing.gtsp.ruin_recreate_kernel import insert_cheapest
-
     form = arrays.form
     m = form.num_clusters
     sequence = random_order(form, generator)
@@ -47,23 +46,7 @@ def insertion_tour(arrays: Arrays, generator: np.random.Generator, state: np.nda
     order[0] = sequence[0]
     node[0] = generator.integers(form.ptr[sequence[0]], form.ptr[sequence[0] + 1])
     for size, g in enumerate(sequence[1:], start=1):
-        insert_cheapest(
-            form.cost,
-            arrays.turned,
-            arrays.into,
-            arrays.outof,
-            form.ptr,
-            form.before,
-            form.ordered,
-            form.pinned,
-            0.0,
-            state,
-            order,
-            node,
-            edge,
-            size,
-            g,
-        )
+        insert_cheapest(arrays.tables, 0.0, state, order, node, edge, size, g)
     return node
 
 
@@ -84,37 +67,16 @@ def ruin_recreate(
     report: Callable[[int, np.ndarray, float], None] | None = None,
 ) -> tuple[np.ndarray, float]:
     """Best nodes (M,) and their cost after `iterations`; `report(done, nodes, cost)` each slice."""
-    from sequencing.gtsp.ruin_recreate_kernel import anneal
-
-    form = arrays.form
     state = stream(generator)
     current = insertion_tour(arrays, generator, state) if start is None else start.copy()
     best = current.copy()
     cost = math.inf
     for begin in range(0, max(iterations, 1), SLICE):
         end = min(begin + SLICE, iterations)
+        span = (begin, end, max(iterations, 1))
+        heat = (hot * arrays.scale, COLD * arrays.scale)
         cost, done = anneal(
-            form.cost,
-            arrays.turned,
-            arrays.into,
-            arrays.outof,
-            form.ptr,
-            form.cluster,
-            form.before,
-            form.ordered,
-            form.pinned,
-            arrays.near,
-            current,
-            best,
-            begin,
-            end,
-            max(iterations, 1),
-            hot * arrays.scale,
-            COLD * arrays.scale,
-            LARGEST_RUIN,
-            BLINK,
-            goal,
-            state,
+            arrays.tables, current, best, span, heat, LARGEST_RUIN, BLINK, goal, state
         )
         if report is not None:
             report(done, best, cost)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from sequencing.gtsp.bounded import bounded_dp
 from sequencing.gtsp.gtsplib import read_gtsplib
 from sequencing.gtsp.held_karp_table import held_karp
 from sequencing.gtsp.normalise import normal_form
@@ -51,6 +50,8 @@ def _load_kernels(exact: bool) -> None:
     tiny = GtspProblem(cost, np.arange(4))
     solve(tiny, stop=100, method="heuristic")
     if exact:
+        from sequencing.gtsp.bounded import bounded_dp
+
         form = normal_form(tiny)
         bounded_dp(form, 5.0, 0.5, None, 1 << 20)
         held_karp(form)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from sequencing.gtsp.problem import GtspProblem, Tour
 
 if TYPE_CHECKING:
@@ -29,13 +29,11 @@ def problem_from_graph(
     loose = [(u, v) for u, v, data in graph.edges(data=True) if weight not in data]
     if missing or loose:
         name, at = (cluster, missing[0]) if missing else (weight, loose[0])
-        raise ProblemError(
-            Fault(
-                "gtsp-graph-attribute",
-                field=str(at),
-                value=f"no attribute {name!r}",
-                legal=f"every node has {cluster!r}, every edge {weight!r}",
-            )
+        raise ProblemError.of(
+            "gtsp-graph-attribute",
+            field=str(at),
+            value=f"no attribute {name!r}",
+            legal=f"every node has {cluster!r}, every edge {weight!r}",
         )
     numbers: dict[Any, int] = {}
     groups = [numbers.setdefault(graph.nodes[label][cluster], len(numbers)) for label in labels]

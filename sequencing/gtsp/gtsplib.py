@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from dmoc.errors import DmocError, Fault, InputError
+from dmoc.input_file import content_of
 from sequencing.gtsp.problem import GtspProblem
 
 
@@ -153,14 +154,14 @@ class _File:
         self.header: dict[str, tuple[str, int]] = {}
         self.sections: dict[str, list[tuple[str, int]]] = {}
         try:
-            text = path.read_text(encoding="utf-8")
+            text = content_of(path).decode("utf-8")
         except OSError as error:
-            raise InputError(
-                Fault("gtsp-file", file=str(path), value=str(error.strerror), legal="a file")
+            raise InputError.of(
+                "gtsp-file", file=str(path), value=str(error.strerror), legal="a file"
             ) from error
         except UnicodeDecodeError as error:
-            raise InputError(
-                Fault("gtsp-file", file=str(path), value="not text", legal="a .gtsp text file")
+            raise InputError.of(
+                "gtsp-file", file=str(path), value="not text", legal="a .gtsp text file"
             ) from error
         current: list[tuple[str, int]] | None = None
         for number, line in enumerate(text.splitlines(), start=1):
@@ -205,7 +206,7 @@ class _File:
         line: int | None = None,
         fix: str = "",
     ) -> InputError:
-        return InputError(Fault(code, str(self.path), field, value, legal, fix, line))
+        return InputError.of(code, str(self.path), field, value, legal, fix, line)
 
     def text(self, key: str, default: str | None = None) -> str:
         if key in self.header:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from sequencing.gtsp.normalise import NormalForm, normal_form
 from sequencing.gtsp.problem import GtspProblem
 from sequencing.gtsp.rooted import Rooted, rooted_problems, smallest_first
@@ -46,14 +46,12 @@ def held_karp(
     bound = math.inf
     need = table_bytes(form)
     if need > memory_bytes:
-        raise ProblemError(
-            Fault(
-                "gtsp-memory",
-                field="problem",
-                value=f"{form.num_clusters} clusters, a table of {need / 2**30:.2f} GiB",
-                legal=f"at most {memory_bytes / 2**30:.2f} GiB",
-                fix="method='exact' (bounded dynamic programming), or a higher memory_bytes",
-            )
+        raise ProblemError.of(
+            "gtsp-memory",
+            field="problem",
+            value=f"{form.num_clusters} clusters, a table of {need / 2**30:.2f} GiB",
+            legal=f"at most {memory_bytes / 2**30:.2f} GiB",
+            fix="method='exact' (bounded dynamic programming), or a higher memory_bytes",
         )
     for rooted in map(smallest_first, rooted_problems(form)):
         nodes, low = _solve_rooted(rooted, upper, form.whole)

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
-from sequencing.gtsp.bounded import bounded_dp
+from dmoc.errors import ProblemError
 from sequencing.gtsp.held_karp_table import held_karp, table_bytes
 from sequencing.gtsp.normalise import NormalForm, normal_form
 from sequencing.gtsp.problem import GtspProblem, Tour, as_tours
@@ -133,6 +132,8 @@ def solve(
             return Tour((), math.inf, bound, True, "held-karp")
         return finish(problem, form, form.lift(exact), bound, "held-karp")
     if method == "exact":
+        from sequencing.gtsp.bounded import bounded_dp
+
         tolerance = 0.5 if form.whole else 1e-9 * problem.tour_magnitude(nodes)
         exact, bound = bounded_dp(form, cost, tolerance, limits.states, limits.memory_bytes)
         if exact is not None:
@@ -264,6 +265,4 @@ def _one_cluster(problem: GtspProblem, form: NormalForm) -> Tour:
 
 def _check(value: str, legal: Sequence[str], field: str) -> None:
     if value not in legal:
-        raise ProblemError(
-            Fault("gtsp-option", field=field, value=repr(value), legal=", ".join(legal))
-        )
+        raise ProblemError.of("gtsp-option", field=field, value=repr(value), legal=", ".join(legal))

@@ -10,6 +10,17 @@ import math
 
 import numpy as np
 
+from sequencing.gtsp.relaxation_kernels import (
+    Arcs,
+    Memory,
+    memory_rows,
+    ng_arcs,
+    ng_backward,
+    ng_trace,
+    walk_backward,
+    walk_forward,
+    walk_trace,
+)
 from sequencing.gtsp.rooted import Rooted
 
 WALK_STEPS = 60
@@ -55,8 +66,6 @@ class Relaxation:
 
     def walk_phase(self) -> None:
         """Subgradient steps on the walk relaxation, then arc and node removal."""
-        from sequencing.gtsp.relaxation_kernels import walk_trace
-
         visits = np.zeros(self.m, dtype=np.int64)
 
         def evaluate(lam: np.ndarray) -> tuple[float, np.ndarray]:
@@ -69,8 +78,6 @@ class Relaxation:
 
     def ng_phase(self, steps: int = NG_STEPS) -> None:
         """Subgradient steps on the ng-route relaxation, then arc and node removal."""
-        from sequencing.gtsp.relaxation_kernels import ng_trace
-
         if self.closed:
             return
         self.phases += 1
@@ -81,19 +88,7 @@ class Relaxation:
 
         def evaluate(lam: np.ndarray) -> tuple[float, np.ndarray]:
             price, leave = self._backward(lam)
-            value = ng_trace(
-                self.link,
-                self.to,
-                self.group,
-                price,
-                leave,
-                self.ptr,
-                self.bits,
-                self.offset,
-                self.rows,
-                self.togo,
-                path,
-            )
+            value = ng_trace(self.arcs, price, leave, self.ptr, self.tables, self.togo, path)
             if value == math.inf:
                 return math.inf, np.ones(self.m, dtype=np.int64)
             visits = np.bincount(path, minlength=self.m)
@@ -138,10 +133,10 @@ class Relaxation:
     def _index(self) -> None:
         """Cluster of each node, and the arcs that are left, by the node they leave."""
         self.cluster = np.repeat(np.arange(self.m), np.diff(self.ptr))
-        leaves, self.to = np.nonzero(np.isfinite(self.cost))
-        self.link = np.searchsorted(leaves, np.arange(len(self.node) + 1))
-        self.group = self.cluster[self.to]
-        self.length = self.cost[leaves, self.to]
+        leaves, to = np.nonzero(np.isfinite(self.cost))
+        link = np.searchsorted(leaves, np.arange(len(self.node) + 1))
+        self.arcs = Arcs(link, to, self.cluster[to])
+        self.length = self.cost[leaves, to]
 
     def _nearest_memory(self, count: int) -> list[list[int]]:
         """For each cluster those with the least cost of going there and back, at most `count`."""
@@ -153,8 +148,6 @@ class Relaxation:
         return [[int(h) for h in row if h != g][:count] for g, row in enumerate(order)]
 
     def _forward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        from sequencing.gtsp.relaxation_kernels import walk_forward
-
         pay = lam[self.cluster]
         cost = self.cost - pay[None, :]
         leave = self.leave - pay
@@ -164,32 +157,18 @@ class Relaxation:
 
     def _backward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Arc costs and first costs with multipliers; fills the cost-to-go table."""
-        from sequencing.gtsp.relaxation_kernels import ng_backward
-
         _, leave, forward = self._forward(lam)
-        price = self.length - lam[self.group]
+        price = self.length - lam[self.arcs.group]
+        when, cut = (self.early, self.late), self.cut - lam.sum()
         ng_backward(
-            self.link,
-            self.to,
-            self.group,
-            price,
-            self.back,
-            self.ptr,
-            self.early,
-            self.late,
-            self.bits,
-            self.offset,
-            self.rows,
-            forward,
-            self.cut - lam.sum(),
-            self.togo,
+            self.arcs, price, self.back, self.ptr, *when, self.tables, forward, cut, self.togo
         )
         return price, leave
 
     def _work(self) -> int:
         """Arcs that one evaluation of the ng relaxation runs through."""
         known = np.array([len(n) for n in self.memory])
-        return int((np.diff(self.link) << known[self.cluster]).sum()) * self.m
+        return int((np.diff(self.arcs.link) << known[self.cluster]).sum()) * self.m
 
     @property
     def rows_a_position(self) -> int:
@@ -197,18 +176,17 @@ class Relaxation:
         return int(sum(int(s) << len(n) for s, n in zip(np.diff(self.ptr), self.memory)))
 
     def _memory_tables(self) -> None:
-        from sequencing.gtsp.relaxation_kernels import memory_rows
-
         widest = max((len(n) for n in self.memory), default=0)
-        self.bits = np.array([len(n) for n in self.memory], dtype=np.int64)
-        self.members = np.zeros((self.m, max(widest, 1)), dtype=np.int64)
+        bits = np.array([len(n) for n in self.memory], dtype=np.int64)
+        members = np.zeros((self.m, max(widest, 1)), dtype=np.int64)
         for g, known in enumerate(self.memory):
-            self.members[g, : len(known)] = known
-        counts = np.diff(self.ptr) << self.bits
-        self.offset = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
+            members[g, : len(known)] = known
+        counts = np.diff(self.ptr) << bits
+        offset = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
         total = int(counts.sum())
-        self.rows = np.empty((self.m, 1 << widest, self.m), dtype=np.int32)
-        memory_rows(self.members, self.bits, self.needs, self.ptr, self.offset, total, self.rows)
+        rows = np.empty((self.m, 1 << widest, self.m), dtype=np.int32)
+        self.tables = Memory(members, bits, offset, rows)
+        memory_rows(self.tables, self.needs, self.ptr, total)
         self.togo = np.full((self.m + 1, total + len(self.node)), np.inf)
 
     def _ascend(self, evaluate, steps: int) -> None:  # type: ignore[no-untyped-def]
@@ -247,8 +225,6 @@ class Relaxation:
         return self.cut - value if math.isfinite(self.cut) else 0.05 * abs(value) + 1e-9
 
     def _drop_by_walks(self) -> None:
-        from sequencing.gtsp.relaxation_kernels import walk_backward
-
         if self.closed:
             return
         cost, _, forward = self._forward(self.lam)
@@ -263,32 +239,18 @@ class Relaxation:
         self._keep((forward + rest)[1:].min(axis=0) < self.limit)
 
     def _drop_by_ng(self) -> None:
-        from sequencing.gtsp.relaxation_kernels import ng_arcs
-
         price, leave = self._backward(self.lam)
         through = np.empty_like(price)
         first = np.empty_like(leave)
-        ng_arcs(
-            self.link,
-            self.to,
-            self.group,
-            price,
-            leave,
-            self.ptr,
-            self.bits,
-            self.offset,
-            self.rows,
-            self.togo,
-            self.limit,
-            through,
-            first,
-        )
+        known = (self.arcs, price, leave, self.ptr, self.tables, self.togo)
+        ng_arcs(*known, self.limit, through, first)
         dead = ~(through < self.limit)
-        leaves = np.repeat(np.arange(len(self.node)), np.diff(self.link))
-        self.cost[leaves[dead], self.to[dead]] = np.inf
+        to = self.arcs.to
+        leaves = np.repeat(np.arange(len(self.node)), np.diff(self.arcs.link))
+        self.cost[leaves[dead], to[dead]] = np.inf
         self.leave[~(first < self.limit)] = np.inf
         used = first < self.limit
-        used[self.to[~dead]] = True
+        used[to[~dead]] = True
         self._keep(used)
 
     def _keep(self, keep: np.ndarray) -> None:

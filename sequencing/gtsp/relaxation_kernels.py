@@ -7,14 +7,34 @@ least cost-to-go from (k, v, S ∩ N) bounds every completion of a partial tour 
 
 States of one position are stored as one row of T numbers: cluster g begins at offset[g], memory P
 of g at offset[g] + P · size_g, then its nodes; n numbers +inf follow, where refused steps point.
-Only the arcs that are left are run through: those out of u are link[u] … link[u+1]−1.
+Only the arcs that are left are run through.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from dmoc.jit import njit
+
+
+class Arcs(NamedTuple):
+    """link (n+1,): those out of u are link[u] … link[u+1]−1; to, group (A,) end and its cluster."""
+
+    link: np.ndarray
+    to: np.ndarray
+    group: np.ndarray
+
+
+class Memory(NamedTuple):
+    """members (m, B) clusters of N_g by bit, bits (m,) their number, offset (m,) as above;
+    rows[h, P, g]: where node 0 would stand in the row on arrival in g from h with memory P."""
+
+    members: np.ndarray
+    bits: np.ndarray
+    offset: np.ndarray
+    rows: np.ndarray
 
 
 @njit
@@ -113,14 +133,14 @@ def walk_trace(cost, ptr, cluster, forward, back, visits):  # type: ignore[no-un
 
 
 @njit
-def memory_rows(members, bits, needs, ptr, offset, total, rows):  # type: ignore[no-untyped-def]
-    """rows[h, P, g]: where node 0 would stand in the row on arrival in g from h with memory P.
+def memory_rows(memories, needs, ptr, total):  # type: ignore[no-untyped-def]
+    """Fill the rows of `memories`.
 
     A node v of g then stands at rows[h, P, g] + v; refused steps get `total`, the first +inf.
-    members (m, B) clusters of N_g by bit, bits (m,) their number, needs (m,) masks of clusters
-    that must come before. A cluster that must come after g is treated as visited too late: going
-    from h to g with g before h is refused.
+    needs (m,) are masks of clusters that must come before. A cluster that must come after g is
+    treated as visited too late: going from h to g with g before h is refused.
     """
+    members, bits, offset, rows = memories
     m = len(bits)
     for h in range(m):
         for memory in range(1 << bits[h]):
@@ -145,13 +165,15 @@ def memory_rows(members, bits, needs, ptr, offset, total, rows):  # type: ignore
 
 @njit
 def ng_backward(  # type: ignore[no-untyped-def]
-    link, to, group, price, back, ptr, early, late, bits, offset, rows, forward, cut, out
+    arcs, price, back, ptr, early, late, memories, forward, cut, out
 ):
     """out (m+1, T + n): least cost-to-go of every state; states that cannot beat `cut` are +inf.
 
-    link (n+1,), to, group (A,) arcs with their end and its cluster; price (A,) costs with
-    multipliers; back (n,) to the root; forward (m+1, n) the walk bound of what came before.
+    price (A,) costs of the arcs with multipliers; back (n,) to the root; forward (m+1, n) the walk
+    bound of what came before.
     """
+    link, to, group = arcs
+    _, bits, offset, rows = memories
     m = len(ptr) - 1
     out[m] = np.inf
     for g in range(m):
@@ -192,8 +214,10 @@ def ng_backward(  # type: ignore[no-untyped-def]
 
 
 @njit
-def ng_trace(link, to, group, price, leave, ptr, bits, offset, rows, togo, path):  # type: ignore[no-untyped-def]
+def ng_trace(arcs, price, leave, ptr, memories, togo, path):  # type: ignore[no-untyped-def]
     """Cost of the best ng-route, and its clusters in path (m,), from `ng_backward`'s table."""
+    link, to, group = arcs
+    _, _, offset, rows = memories
     m = len(ptr) - 1
     best = np.inf
     at, of = -1, -1
@@ -223,14 +247,14 @@ def ng_trace(link, to, group, price, leave, ptr, bits, offset, rows, togo, path)
 
 
 @njit
-def ng_arcs(  # type: ignore[no-untyped-def]
-    link, to, group, price, leave, ptr, bits, offset, rows, togo, cut, through, first
-):
+def ng_arcs(arcs, price, leave, ptr, memories, togo, cut, through, first):  # type: ignore[no-untyped-def]
     """Least cost of an ng-route through each arc: through (A,), first (n,) as the first visit.
 
     An arc whose value is not below `cut` is in no tour that beats it. Runs forward over the
     states that `ng_backward` left alive.
     """
+    link, to, group = arcs
+    _, bits, offset, rows = memories
     m = len(ptr) - 1
     total = togo.shape[1]
     through[:] = np.inf

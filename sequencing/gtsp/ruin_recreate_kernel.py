@@ -74,32 +74,16 @@ def choose(state, order, place, near, pinned, largest, gone):  # type: ignore[no
 
 
 @njit
-def insert_cheapest(  # type: ignore[no-untyped-def]
-    cost,
-    turned,
-    into,
-    outof,
-    ptr,
-    before,
-    ordered,
-    pinned,
-    blink,
-    state,
-    order,
-    node,
-    edge,
-    size,
-    g,
-):
+def insert_cheapest(tables, blink, state, order, node, edge, size, g):  # type: ignore[no-untyped-def]
     """Insert cluster g into order/node[:size] at its cheapest place; returns the added cost.
 
-    turned = costᵀ; into (M, N) and outof (M, N): least cost from a node into a cluster and out
-    of it into a node, which prunes the places. edge[k] is the cost from node[k−1] to node[k],
+    The tables' `into` and `outof` prune the places. edge[k] is the cost from node[k−1] to node[k],
     edge[0] closes the tour. A place is skipped with probability `blink`.
     """
+    cost, turned, ptr, before = tables.cost, tables.turned, tables.ptr, tables.before
     low, high = 1, size
-    if ordered:
-        low = 1 if pinned else 0
+    if tables.ordered:
+        low = 1 if tables.pinned else 0
         for k in range(size):
             if before[order[k], g]:
                 low = k + 1
@@ -109,8 +93,8 @@ def insert_cheapest(  # type: ignore[no-untyped-def]
     best = np.inf
     at, with_node = -1, -1
     begin, end = ptr[g], ptr[g + 1]
-    reach = into[g]
-    leave = outof[g]
+    reach = tables.into[g]
+    leave = tables.outof[g]
     for k in range(low, high + 1):
         a = node[k - 1] if k > 0 else node[size - 1]
         b = node[k] if k < size else node[0]
@@ -165,33 +149,18 @@ def turn(array, shift, work):  # type: ignore[no-untyped-def]
 
 @njit
 def anneal(  # type: ignore[no-untyped-def]
-    cost,
-    turned,
-    into,
-    outof,
-    ptr,
-    cluster,
-    before,
-    ordered,
-    pinned,
-    near,
-    current,
-    best,
-    begin,
-    end,
-    total,
-    hot,
-    cold,
-    largest,
-    blink,
-    goal,
-    state,
+    tables, current, best, span, heat, largest, blink, goal, state
 ):
-    """Iterations begin … end−1 of `total`; temperature falls geometrically from hot to cold.
+    """Iterations begin … end−1 of total = `span`; temperature falls geometrically from hot to cold
+    = `heat`.
 
     current and best (M,) nodes are read and overwritten; stops early at cost ≤ goal.
     Returns (cost of best, iterations done).
     """
+    cost, ptr, cluster, near = tables.cost, tables.ptr, tables.cluster, tables.near
+    ordered, pinned = tables.ordered, tables.pinned
+    begin, end, total = span
+    hot, cold = heat
     m = len(ptr) - 1
     order = np.empty(m, dtype=np.int64)
     node = np.empty(m, dtype=np.int64)
@@ -250,23 +219,7 @@ def anneal(  # type: ignore[no-untyped-def]
             removed[k], removed[j] = removed[j], removed[k]
         shy = 0.5 if uniform(state) < 0.03 else blink
         for k in range(count):
-            new_cost += insert_cheapest(
-                cost,
-                turned,
-                into,
-                outof,
-                ptr,
-                before,
-                ordered,
-                pinned,
-                shy,
-                state,
-                order,
-                node,
-                edge,
-                size,
-                removed[k],
-            )
+            new_cost += insert_cheapest(tables, shy, state, order, node, edge, size, removed[k])
             touched[removed[k]] = True
             size += 1
         limit = current_cost - temperature * np.log(uniform(state) + 1e-300)

@@ -6,45 +6,48 @@ length plus the ng-route bound of its completion cannot beat the cut.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from dmoc.jit import njit
 
 
+class Layer(NamedTuple):
+    """States of one set size: clusters visited as bits, last node, length so far, and the number of
+    the state before in its layer."""
+
+    mask: np.ndarray
+    node: np.ndarray
+    length: np.ndarray
+    parent: np.ndarray
+
+    @staticmethod
+    def of(room: int) -> Layer:
+        """Memory for `room` states."""
+        kinds = (np.uint64, np.int32, np.float64, np.int32)
+        return Layer(*(np.empty(room, dtype=kind) for kind in kinds))
+
+
 @njit
 def expand(  # type: ignore[no-untyped-def]
-    link,
-    to,
-    group,
-    price,
-    cluster,
-    needs,
-    members,
-    bits,
-    rows,
-    togo,
-    cut,
-    mask,
-    node,
-    length,
-    count,
-    slot,
-    out_mask,
-    out_node,
-    out_length,
-    out_parent,
+    arcs, price, cluster, needs, memories, togo, cut, layer, slot, out
 ):
-    """States of the next layer from `count` states; returns their number, −1 if there is no room.
+    """States `out` of the next layer from `layer`; returns their number, −1 if there is no room.
 
-    Arcs, rows and the cost-to-go at the next position (T + n,) as in `ng_backward`; slot (2^p,)
-    int32 work space, at least twice as long as the outputs.
+    Arcs, memories and the cost-to-go at the next position (T + n,) as in `ng_backward`; slot
+    (2^p,) int32 work space, at least twice as long as the outputs.
     """
+    link, to, group = arcs
+    members, bits, _, rows = memories
+    mask, node, length, _ = layer
+    out_mask, out_node, out_length, out_parent = out
     wrap = np.uint64(len(slot) - 1)
     one = np.uint64(1)
     slot[:] = -1
     found = 0
     room = len(out_mask)
-    for s in range(count):
+    for s in range(len(node)):
         visited = mask[s]
         u = node[s]
         h = cluster[u]

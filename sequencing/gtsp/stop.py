@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 
 EFFORTS = ("quick", "normal", "thorough")
 
@@ -30,11 +30,9 @@ class Stop:
         for key in ("iterations", "states", "memory_bytes"):
             value = getattr(self, key)
             if value is not None and value < 0:
-                raise ProblemError(
-                    Fault("gtsp-stop", field=key, value=str(value), legal="0 or more")
-                )
+                raise ProblemError.of("gtsp-stop", field=key, value=str(value), legal="0 or more")
         if math.isnan(self.target_cost):
-            raise ProblemError(Fault("gtsp-stop", field="target_cost", value="NaN", legal="a cost"))
+            raise ProblemError.of("gtsp-stop", field="target_cost", value="NaN", legal="a cost")
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from dmoc.errors import Fault, ProblemError
+from dmoc.order_graph import circle_of
 
 
 class Problem(Protocol):
@@ -44,21 +45,19 @@ def frozen_array(value: Any, name: str, dtype: Any, ndim: int) -> np.ndarray:
         raw = np.asarray(value)
         array = np.array(raw, dtype=dtype)
     except (TypeError, ValueError) as error:
-        raise ProblemError(
-            Fault("gtsp-not-numeric", field=name, value=str(error), legal="an array of numbers")
+        raise ProblemError.of(
+            "gtsp-not-numeric", field=name, value=str(error), legal="an array of numbers"
         ) from error
     if array.ndim != ndim or array.size == 0:
-        raise ProblemError(
-            Fault(
-                "gtsp-shape",
-                field=name,
-                value=f"shape {array.shape}",
-                legal=f"{ndim} dimension(s), not empty",
-            )
+        raise ProblemError.of(
+            "gtsp-shape",
+            field=name,
+            value=f"shape {array.shape}",
+            legal=f"{ndim} dimension(s), not empty",
         )
     if np.issubdtype(array.dtype, np.integer) and not np.array_equal(raw, array):
-        raise ProblemError(
-            Fault("gtsp-not-integer", field=name, value="fractions", legal="whole numbers")
+        raise ProblemError.of(
+            "gtsp-not-integer", field=name, value="fractions", legal="whole numbers"
         )
     array.flags.writeable = False
     return array
@@ -72,13 +71,11 @@ def precedence_pairs(precedence: Any) -> tuple[tuple[int, int], ...]:
     try:
         return tuple(sorted({(int(a), int(b)) for a, b in edges}))
     except (TypeError, ValueError) as error:
-        raise ProblemError(
-            Fault(
-                "gtsp-precedence-pairs",
-                field="precedence",
-                value=str(error),
-                legal="pairs (before, after) of cluster numbers, or a DiGraph over them",
-            )
+        raise ProblemError.of(
+            "gtsp-precedence-pairs",
+            field="precedence",
+            value=str(error),
+            legal="pairs (before, after) of cluster numbers, or a DiGraph over them",
         ) from error
 
 
@@ -244,11 +241,11 @@ def _precedence_faults(problem: Problem) -> list[Fault]:
         return [_fault("gtsp-precedence-range", "precedence", text, f"clusters 0 … {count - 1}")]
     if not pairs:
         return []
+    circle = circle_of(pairs)
+    if circle:
+        text = "clusters " + " -> ".join(map(str, circle))
+        return [_fault("gtsp-precedence-cycle", "precedence", text, "no circle")]
     before = closure(pairs, count)
-    loop = np.flatnonzero(np.diag(before))
-    if loop.size:
-        text = "a loop through clusters " + ", ".join(map(str, loop[:8]))
-        return [_fault("gtsp-precedence-cycle", "precedence", text, "no loops")]
     faults = []
     first = problem.home if problem.home is not None else problem.start
     if first is not None and before[:, problem.cluster_of[first]].any():

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
 from dmoc.arrays import Array
-from dmoc.robot.robot import Robot
-from planning.geometry.shapes import Body, Shape
+from dmoc.errors import MeshError
+from dmoc.robot.robot import PlacedShape, Robot
+from planning.geometry.mesh import load_link_mesh
+from planning.geometry.shapes import SOLIDS, Body, Shape
 
 Colour = tuple[int, int, int]
 _PLAIN: Colour = (150, 152, 158)
@@ -56,50 +56,38 @@ def body_triangles(body: Body, colour: Colour = _PLAIN) -> list[Triangles]:
 
 
 def robot_triangles(robot: Robot) -> list[list[Triangles]]:
-    """Visual shapes of the URDF (collision shapes if none) per joint frame; number 0 is the base.
+    """Visual shapes of every link (else its collision shapes) per joint frame; 0 is the base.
 
+    A picture that cannot be read costs the picture: its link is drawn by its collision shapes.
     Base shapes are in the world frame of a robot that stands at `robot.base`.
     """
     frames: list[list[Triangles]] = [[] for _ in range(robot.model.njoints)]
-    model = _geometry(robot, pin.GeometryType.VISUAL)
-    if model.ngeoms == 0:
-        model = _geometry(robot, pin.GeometryType.COLLISION)
-    for item in model.geometryObjects:
-        colour = tuple(round(255 * float(part)) for part in item.meshColor[:3])
-        mesh = _urdf_mesh(item, robot.urdf.parent)
-        placement = item.placement
-        if item.parentJoint == 0:
-            placement = robot.base * placement
-        frames[item.parentJoint].append(
-            _moved(item.name, mesh, placement.homogeneous, (colour[0], colour[1], colour[2]))
-        )
+    drawn: set[str] = set()
+    for visual in (True, False):
+        found: dict[str, list[tuple[int, Triangles]]] = {}
+        broken = set()
+        for number, item in enumerate(robot.link_shapes(visual)):
+            try:
+                triangles = _placed(f"{item.link}_{number}", item, robot)
+                found.setdefault(item.link, []).append((item.joint, triangles))
+            except MeshError:
+                broken.add(item.link)
+        for link in [name for name in found if name not in drawn | broken]:
+            drawn.add(link)
+            for joint, triangles in found[link]:
+                frames[joint].append(triangles)
     return frames
 
 
-def _geometry(robot: Robot, kind: Any) -> pin.GeometryModel:
-    plain = pin.buildModelFromUrdf(str(robot.urdf))
-    return pin.buildGeomFromUrdf(
-        plain, str(robot.urdf), kind, package_dirs=[str(robot.urdf.parent)]
-    )
-
-
-def _urdf_mesh(item: Any, folder: Path) -> Any:
-    import trimesh
-
-    shape = item.geometry
-    kind = type(shape).__name__
-    if kind == "Box":
-        return trimesh.creation.box(extents=2 * np.array(shape.halfSide).ravel())
-    if kind == "Cylinder":
-        return trimesh.creation.cylinder(radius=shape.radius, height=2 * shape.halfLength)
-    if kind == "Sphere":
-        return trimesh.creation.icosphere(subdivisions=2, radius=shape.radius)
-    if kind == "Capsule":
-        return trimesh.creation.capsule(radius=shape.radius, height=2 * shape.halfLength)
-    path = Path(item.meshPath)
-    mesh = trimesh.load(path if path.is_absolute() else folder / path, force="mesh")
-    mesh.apply_scale(np.array(item.meshScale).ravel())
-    return mesh
+def _placed(name: str, item: PlacedShape, robot: Robot) -> Triangles:
+    red, green, blue = (round(255 * part) for part in item.shape.colour)
+    pose = item.placement.homogeneous
+    if item.shape.kind == "mesh":
+        mesh = load_link_mesh(item.shape, str(robot.urdf), f"link {item.link}")
+        shape = Shape("mesh", vertices_m=mesh.vertices_m, faces=mesh.faces, pose=pose)
+    else:
+        shape = Shape(SOLIDS[item.shape.kind], item.shape.size_m, pose=pose)
+    return shape_triangles(name, shape, (red, green, blue))
 
 
 def _moved(name: str, mesh: Any, pose: Array, colour: Colour) -> Triangles:

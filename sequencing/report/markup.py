@@ -9,6 +9,8 @@ from html import escape
 def markdown_html(text: str) -> str:
     """HTML of headings, paragraphs, pipe tables, dash lists and bold text; all else is escaped.
 
+    A backslash takes its meaning from the sign behind it.
+
     Blocks are separated by empty lines, as `tables_markdown` writes them.
     """
     return "\n".join(_block(block.strip("\n")) for block in re.split(r"\n\s*\n", text.strip()))
@@ -36,4 +38,5 @@ def _table(lines: list[str]) -> str:
 
 
 def _inline(text: str) -> str:
-    return re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", escape(text, quote=False))
+    bold = re.sub(r"(?<!\\)\*\*(.+?)(?<!\\)\*\*", r"<strong>\1</strong>", escape(text, quote=False))
+    return re.sub(r"\\(&\w+;|[^\w\s])", r"\1", bold)

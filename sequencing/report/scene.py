@@ -154,7 +154,7 @@ def _draw_robot(scene: Any, robot: Robot, tool: Sequence[Body]) -> list[Any]:
         handles.append(scene.add_frame(path, show_axes=False))
         for item in shapes[joint]:
             _draw_triangles(scene, f"{path}/{item.name}", item)
-    flange = robot.model.frames[robot.model.getFrameId(robot.flange)]
+    flange = robot.model.frames[robot.flange_id]
     placement = pin.SE3ToXYZQUAT(flange.placement)
     mount = f"{paths[flange.parentJoint]}/tool"
     scene.add_frame(mount, show_axes=False, position=placement[:3], wxyz=placement[[6, 3, 4, 5]])

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
-import yaml
 
 from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.robot.robot import Robot
+from planning.path.rrt_connect import available_planner
 from planning.station.station import Station
 from sequencing.cycle_types import Cycle, CycleMotion, Search, Tables
 from sequencing.runs.archive import sha256_of
+from sequencing.runs.inputs import named_files
 
 
 def cost_shares(trajectory: JointTrajectory, cost: Cost | ElectricalCost) -> dict[str, float]:
@@ -51,31 +52,15 @@ def input_hashes(station: Station) -> dict[str, str]:
     robot's only.
     """
     hashes: dict[str, str] = {}
-    source = Path(station.source)
-    if source.is_file():
-        folder = source.parent
-        hashes[source.name] = sha256_of(source)
-        tree = yaml.safe_load(source.read_text(encoding="utf-8"))
-        for text in set(_texts(tree)):
-            path = folder / text
-            if len(text) < 250 and "\n" not in text and path.is_file():
-                hashes[Path(text).as_posix()] = sha256_of(path)
+    for name, path in named_files(Path(station.source)).items():
+        hashes[name] = sha256_of(path)
     urdf = Path(station.robot.urdf)
-    for path in (urdf, urdf.with_name("robot.yaml")):
+    shapes = (item.shape.mesh for item in station.robot.link_shapes())
+    meshes = (path for path in shapes if path is not None)
+    for path in (urdf, urdf.with_name("robot.yaml"), *meshes):
         if path.is_file():
             hashes[f"robot/{path.name}"] = sha256_of(path)
     return dict(sorted(hashes.items()))
-
-
-def _texts(tree: Any) -> Iterator[str]:
-    if isinstance(tree, str):
-        yield tree
-    elif isinstance(tree, dict):
-        for value in tree.values():
-            yield from _texts(value)
-    elif isinstance(tree, list):
-        for value in tree:
-            yield from _texts(value)
 
 
 SCHEMA_VERSION = 1
@@ -103,6 +88,8 @@ class RunResult(TypedDict):
     schema_version: int
     name: str
     seed: int
+    solver: str | None
+    planner: str | None
     method: str | None
     versions: dict[str, str]
     inputs: dict[str, Any]
@@ -120,6 +107,7 @@ class RunResult(TypedDict):
     motions: list[dict[str, Any]]
     tables: dict[str, Any] | None
     polish: dict[str, Any] | None
+    second_look: dict[str, Any] | None
     files: dict[str, str]
 
 
@@ -136,6 +124,8 @@ def result_of_motions(
         "schema_version": SCHEMA_VERSION,
         "name": name,
         "seed": seed,
+        "solver": None,
+        "planner": None,
         "method": None,
         "versions": package_versions(),
         "inputs": {
@@ -157,6 +147,7 @@ def result_of_motions(
         "motions": [motion_entry(item, cost) for item in motions],
         "tables": None,
         "polish": None,
+        "second_look": None,
         "files": dict(sorted(files.items())),
     }
 
@@ -169,6 +160,8 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
     )
     return {
         **bare,
+        "solver": cycle.solver,
+        "planner": available_planner(),
         "method": cycle.method,
         "inputs": {
             "station_fingerprint": station.fingerprint,
@@ -200,6 +193,7 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
         ],
         "tables": tables_entry(cycle.tables),
         "polish": None if cycle.polish is None else cycle.polish.to_dict(),
+        "second_look": None if cycle.second_look is None else asdict(cycle.second_look),
     }
 
 

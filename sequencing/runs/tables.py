@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +11,7 @@ Result = Mapping[str, Any]
 
 def tables_markdown(result: Result) -> str:
     """The text of tables.md, from the object of result.json alone."""
-    parts = [f"# {result['name']}: tables", headline(result)]
+    parts = [f"# {named(result['name'])}: tables", headline(result)]
     if result["tables"] is not None:
         parts += [
             "## Table 1: alternatives and range of the weld costs",
@@ -28,6 +29,12 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     rule = ["---"] + ["---:"] * (len(header) - 1)
     clean = [[" ".join(cell.replace("|", "¦").split()) for cell in row] for row in [header, *rows]]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in [clean[0], rule, *clean[1:]])
+
+
+def named(text: Any) -> str:
+    """A name from an input as plain text: on one line, no markup, no HTML, no cell of its own."""
+    line = " ".join(str(text).replace("|", "¦").split())
+    return re.sub(r"([\\`*\[\]<>&!~])", r"\\\1", line)
 
 
 def number(value: float | None, digits: int = 1) -> str:
@@ -59,9 +66,17 @@ def headline(result: Result) -> str:
             f"{number(polish['cost_before'])} → {number(polish['cost_after'])}, "
             f"{number(polish['saving_percent'], 2)} % more. The gaps speak of the cycle before."
         )
+    look = result.get("second_look")
+    if look is not None:
+        text += (
+            f"\n\nSecond look: {look['engine']} finds {look['contacts']} contacts in "
+            f"{look['motions']} motions at {look['configurations']} configurations, with the "
+            "convex pieces and with the original meshes."
+        )
+        text += "".join(f" Refused on the way: {named(entry)}." for entry in look["refused"])
     text += shortfalls(result)
     for entry in result["unreachable"]:
-        text += f"\n\nNot in the cycle: stud {entry['stud']} ({entry['reason']})."
+        text += f"\n\nNot in the cycle: stud {named(entry['stud'])} ({named(entry['reason'])})."
     return text
 
 
@@ -105,7 +120,7 @@ def table_1(result: Result) -> str:
     """Per stud: how many alternatives and what the weld costs in the best and worst of them."""
     rows = [
         [
-            row["stud"],
+            named(row["stud"]),
             str(row["alternatives"]),
             f"[{number(row['lowest_cost'], 2)}, {number(row['highest_cost'], 2)}]",
         ]
@@ -150,7 +165,7 @@ def table_shares(result: Result) -> str:
         state += ", certified" if item["certified"] else ""
         rows.append(
             [
-                f"{item['key']} {item['from']} → {item['to']}",
+                f"{item['key']} {named(item['from'])} → {named(item['to'])}",
                 state,
                 _clearances(item),
                 number(item["duration_s"], 2),
@@ -205,15 +220,17 @@ def provenance_text(result: Result) -> str:
     tags = result["robot"]["provenance"]
     assumed = sorted(key for key, tag in tags.items() if tag == "assumed")
     known = sorted(key for key, tag in tags.items() if tag != "assumed")
-    lines = [f"Robot {result['robot']['name']}."]
+    lines = [f"Robot {named(result['robot']['name'])}."]
     if assumed:
         lines.append(
-            "**Assumed, not measured**: " + ", ".join(assumed) + ". Costs in this file are as good "
+            "**Assumed, not measured**: "
+            + ", ".join(map(named, assumed))
+            + ". Costs in this file are as good "
             "as these values."
         )
     if not tags:
         lines.append("The robot file tags none of its values: treat all of them as assumed.")
-    lines += [f"- {key}: {tags[key]}" for key in known]
+    lines += [f"- {named(key)}: {named(tags[key])}" for key in known]
     return "\n".join(
         [
             " ".join(lines[: 2 if assumed or not tags else 1]),

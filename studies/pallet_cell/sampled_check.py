@@ -19,7 +19,7 @@ from dmoc.jit import njit
 from planning.geometry.shapes import Body
 from sequencing.timing.cell.types import CellRobot
 from sequencing.timing.clearance.arms import ArmShapes, arm_shapes, body_shapes, joint_frames
-from sequencing.timing.clearance.block_kernels import segment_distance
+from sequencing.timing.clearance.segments import segment_distance
 
 # mypy: disallow-untyped-defs=False
 

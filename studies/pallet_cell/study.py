@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from dmoc.robot.robot import load_robot
 from sequencing.timing.cell.read import Cell, CellRobot, load_cell
 from sequencing.timing.clearance.verify import check_schedule
 from sequencing.timing.power.dc_link import LinkParams
-from sequencing.timing.power.timeline import cost_batch
+from sequencing.timing.power.timeline import cost_batch, drawn_j, make_timeline
 from sequencing.timing.scheduling import schedule, schedule_to_dict
 from sequencing.timing.search.jobs import rearranged
 from sequencing.timing.search.levels import first_level
@@ -231,6 +232,18 @@ def solution_space(
     }
 
 
+def _robot_power_w(
+    prepared: PreparedCell, start_s: np.ndarray, override: np.ndarray, total_s: float
+) -> np.ndarray:
+    """Power of each robot on its link (R, K) [W]."""
+    start, speed, exact = prepared.exact_tables(start_s, override)
+    cell = prepared.cell
+    tables = [exact[a:b] for a, b in itertools.pairwise(cell.first)]
+    links = [cell.links[m] for m in cell.link_of]
+    line = make_timeline(tables, total_s, links, range(len(tables)))
+    return drawn_j(line, start, speed) / line.step_s
+
+
 def traces(
     prepared: PreparedCell, start_s: np.ndarray, override: np.ndarray, total_s: float
 ) -> dict[str, np.ndarray]:
@@ -240,7 +253,7 @@ def traces(
     robot (the one with the longest trajectory) reaches.
     """
     result = prepared.evaluate(start_s, override, total_s, 0.004)
-    power = prepared.robot_power_w(start_s, override, total_s)
+    power = _robot_power_w(prepared, start_s, override, total_s)
     cell = prepared.cell
     steps = power.shape[1]
     t = (np.arange(steps) + 0.5) * total_s / steps

@@ -41,13 +41,13 @@ def row_key(
     table: Array,
     cycles: Sequence[tuple[int, ...]],
     limit: int,
-    seed: int,
+    bench: StudyBench,
 ) -> str:
-    """sha256 of all that decides a row: the changed station, estimates, cycles, budget, seed."""
+    """sha256 of all that decides a row: the changed station, estimates, cycles, budget, bench."""
     digest = hashlib.sha256(
-        f"row|{ROW_VERSION}|{name}|{cycles!r}|{limit}|{seed}|{station.fingerprint}".encode()
+        f"row|{ROW_VERSION}|{name}|{cycles!r}|{limit}|{bench.seed}|{station.fingerprint}".encode()
     )
-    digest.update(context_fingerprint(station, "halfspaces").encode())
+    digest.update(context_fingerprint(station, bench.method, bench.solver).encode())
     digest.update(np.ascontiguousarray(table).tobytes())
     return digest.hexdigest()
 
@@ -195,7 +195,7 @@ def price_change(
             limit,
         )
     station = change.apply(nominal.station)
-    key = row_key(change.name, station, table, (old, new), limit, bench.seed)
+    key = row_key(change.name, station, table, (old, new), limit, bench)
     kept = kept_row(rows_file(bench.store), key)
     if kept is not None:
         return kept
@@ -214,19 +214,16 @@ def price_change(
     model = open_model(change.name, station, nodes, world, bench)
     if change.group == "weights":
         model = with_nominal_motions(model, nominal)
-    try:
-        row = _row(
-            change,
-            nominal,
-            model,
-            _carried(nominal, model, table, same),
-            note,
-            tuple(_mapped(cycle, same) for cycle in (old, new)),
-            new,
-            limit,
-        )
-    finally:
-        model.edges.close()
+    row = _row(
+        change,
+        nominal,
+        model,
+        _carried(nominal, model, table, same),
+        note,
+        tuple(_mapped(cycle, same) for cycle in (old, new)),
+        new,
+        limit,
+    )
     if row is not None:
         keep_row(rows_file(bench.store), key, row)
     return row

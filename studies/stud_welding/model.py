@@ -15,7 +15,9 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.motion.motion import Motion
+from dmoc.refinement.params import Method
 from dmoc.robot.robot import Robot
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from sequencing.cycle.plan import PlanEvent
@@ -27,12 +29,14 @@ from sequencing.edges.store import EdgeStore
 
 @dataclass(frozen=True, eq=False)
 class StudyBench:
-    """What all parts of the study share: seed, store of solved edges, executor, progress."""
+    """What all parts of the study share: seed, store, executor, progress, who solves."""
 
     seed: int
     store: EdgeStore
     executor: Executor | None
     progress: Callable[[PlanEvent], None]
+    solver: str = DEFAULT_SOLVER
+    method: Method = "halfspaces"
 
     def tell(self, phase: str) -> None:
         """Name the part of the study that begins."""
@@ -53,8 +57,6 @@ class Edges(Protocol):
     def evaluate(self, pairs: np.ndarray) -> Array: ...
 
     def motions(self, pairs: np.ndarray) -> list[Motion]: ...
-
-    def close(self) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,8 @@ def open_model(
         nodes,
         bench.store,
         seed=bench.seed,
+        method=bench.method,
+        solver=bench.solver,
         executor=bench.executor,
         progress=lambda event: bench.progress(PlanEvent("edges", event)),
     )

@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmoc.input_file import read_yaml
+from dmoc.refinement.params import Method
+from dmoc.solving.solvers import DEFAULT_SOLVER
 from planning.collision.world import CollisionWorld
 from planning.station.build import demo_station
 from planning.station.station import Station
@@ -26,6 +28,7 @@ from sequencing.cycle.baseline import (
     undirected,
 )
 from sequencing.cycle.plan import NoCycle, PlanEvent, PlanStop, execute, plan_station
+from sequencing.cycle.second_look import MotionLooks
 from sequencing.cycle_types import Cycle, StudRow, Tables
 from sequencing.edges.nodes import station_nodes
 from sequencing.edges.oracle import StationEdges
@@ -90,6 +93,8 @@ def run_stud_welding_study(
     seed: int = 0,
     reduced: bool = False,
     budget: Budget | None = None,
+    solver: str = DEFAULT_SOLVER,
+    method: Method = "halfspaces",
     executor: Executor | None = None,
     progress: Callable[[PlanEvent], None] | None = None,
 ) -> StudyRun:
@@ -107,23 +112,27 @@ def run_stud_welding_study(
         baseline_draws=0,
     )
     cycle = plan_station(
-        station, seed=seed, stop=stop, executor=executor, store=store, progress=progress
+        station,
+        seed=seed,
+        method=method,
+        solver=solver,
+        stop=stop,
+        executor=executor,
+        store=store,
+        progress=progress,
     )
-    bench = StudyBench(seed, store, executor, tell)
+    bench = StudyBench(seed, store, executor, tell, solver, method)
     world = CollisionWorld(station)
     nodes = station_nodes(station, alternatives(station, world))
     model = open_model("nominal", station, nodes, world, bench)
     edges = model.edges
     assert isinstance(edges, StationEdges)
-    try:
-        edges.train(stop.training(len(nodes.studs)), stop.coverage_edges)
-        bench.tell("sequences of least time")
-        drawn = time_based_sequences(edges, limits.draws, seed)
-        if not drawn:
-            raise NoCycle({"cycle": "no sequence of least time has motions throughout"})
-        return _study(model, cycle, drawn, world, bench, limits, letter, reduced)
-    finally:
-        edges.close()
+    edges.train(stop.training(len(nodes.studs)), stop.coverage_edges)
+    bench.tell("sequences of least time")
+    drawn = time_based_sequences(edges, limits.draws, seed)
+    if not drawn:
+        raise NoCycle({"cycle": "no sequence of least time has motions throughout"})
+    return _study(model, cycle, drawn, world, bench, limits, letter, reduced)
 
 
 def _study(
@@ -219,11 +228,19 @@ def _both_cycles(
     executed, failed = execute(edges, Tour(old, 0.0))
     if failed:
         raise NoCycle({"cycle": "the old sequence has no certified final motions"})
+    looks = MotionLooks(cycle.station)
+    if any(looks.touch(item) is not None for item in executed.motions):
+        raise NoCycle({"cycle": "; ".join(looks.refused)})
     new_cost = cycle.tables.energy_based
     tables = Tables(cycle.tables.studs, executed.cost, totals, new_cost)
     tour = replace(executed.tour, cost=executed.cost.total)
     old_cycle = replace(
-        cycle, tour=tour, welds=executed.welds, motions=executed.motions, tables=tables
+        cycle,
+        tour=tour,
+        welds=executed.welds,
+        motions=executed.motions,
+        tables=tables,
+        second_look=looks.report(executed.motions),
     )
     return replace(cycle, tables=tables), old_cycle
 

@@ -62,9 +62,6 @@ class FrictionEdges:
         """The nominal motions."""
         return self.inner.motions(pairs)
 
-    def close(self) -> None:
-        """Nothing of its own to close."""
-
 
 def with_friction(model: Model, factor: float) -> Model:
     """`model` with `factor` times the friction of its drives in every travel's price."""
@@ -125,10 +122,6 @@ class WeightEdges:
                 motion = self.nominal.motions(np.array([(i, j)]))[0]
             given.append(motion)
         return given
-
-    def close(self) -> None:
-        """End the model's own edges."""
-        self.inner.close()
 
 
 def _weights(model: Model) -> Cost:

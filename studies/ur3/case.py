@@ -35,6 +35,7 @@ class Setting:
     duration_s: float = 3.0
     swarm: SwarmParams = PAPER_SWARM
     descent: DescentParams = DescentParams()
+    solver: str = "ipopt"
 
 
 @dataclass(frozen=True, eq=False)

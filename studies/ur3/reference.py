@@ -9,8 +9,8 @@ from dmoc.motion.cost import ElectricalCost
 from dmoc.motion.motion import MotionProblem
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.programme.guess import guess_from_trajectory
-from dmoc.programme.types import SolveParams
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import SolveParams
 from studies.ur3.bezier_problem import BezierResult
 from studies.ur3.case import Setting
 from studies.ur3.knot_descent import polish_trajectory
@@ -44,7 +44,8 @@ def free_form(
         setting.duration_s,
     )
     knots = best.motion.trajectory(robot, INTERVALS)
-    motion = solve(problem, SolveParams(max_iterations=500), guess_from_trajectory(problem, knots))
+    params = SolveParams(max_iterations=500, solver=setting.solver)
+    motion = solve(problem, params, guess_from_trajectory(problem, knots))
     report: dict[str, Any] = {
         "status": motion.status.value,
         "iterations": motion.iterations,

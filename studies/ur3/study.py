@@ -50,7 +50,11 @@ Progress = Callable[[str], None]
 
 
 def run_ur3_study(
-    seed: int, out: Path | None, reduced: bool = False, progress: Progress | None = None
+    seed: int,
+    out: Path | None,
+    reduced: bool = False,
+    progress: Progress | None = None,
+    solver: str = "ipopt",
 ) -> dict[str, Any]:
     """Run the study and return its figures; with `out` also write them there.
 
@@ -60,7 +64,7 @@ def run_ur3_study(
     """
     say = progress or (lambda text: None)
     robot = load_robot("ur3e_class")
-    setting = Setting(robot, tabletop_world(robot))
+    setting = Setting(robot, tabletop_world(robot), solver=solver)
     seeds = tuple(range(seed, seed + (2 if reduced else 10)))
     pairs = 2 if reduced else 20
     if reduced:

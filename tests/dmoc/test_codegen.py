@@ -1,5 +1,6 @@
 """The cache of compiled stage functions: same bits, and every way a file can be bad."""
 
+import os
 import stat
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +14,13 @@ from dmoc.errors import InputError
 from dmoc.physics.dynamics import arm_model
 from dmoc.programme import builder
 from dmoc.programme.codegen import FLAGS, backend_report, find_compiler, library_for
-from dmoc.programme.stages import dynamics_stage, electrical_stage, quadratic_stage
+from dmoc.programme.cost_stages import (
+    electrical_rate,
+    midpoint_cost_stage,
+    quadratic_rate,
+    spread_cost_stage,
+)
+from dmoc.programme.stages import dynamics_stage
 from dmoc.robot.drive import ur_class_drive
 from dmoc.solving.solver import solve
 
@@ -40,8 +47,9 @@ def test_compiled_and_virtual_machine_give_the_same_bits(cache) -> None:
     arm = arm_model(random_model(rng, 3, tree=False))
     stages = [
         dynamics_stage(arm, True),
-        quadratic_stage(6),
-        electrical_stage(6, ur_class_drive(), 0.05),
+        midpoint_cost_stage(6, quadratic_rate()),
+        midpoint_cost_stage(6, electrical_rate(6, ur_class_drive(), 0.05)),
+        spread_cost_stage(arm, quadratic_rate(), True),
     ]
     for stage in stages:
         library = library_for(stage.parts)
@@ -50,7 +58,7 @@ def test_compiled_and_virtual_machine_give_the_same_bits(cache) -> None:
         assert compiled is not None
         for plain, fast in zip(stage.parts, compiled):
             for _ in range(100):
-                args = [rng.normal(size=plain.size_in(i)) for i in range(plain.n_in())]
+                args = [abs(rng.normal(size=plain.size_in(i))) for i in range(plain.n_in())]
                 for a, b in zip(plain.call(args), fast.call(args)):
                     assert np.array(a).tobytes() == np.array(b).tobytes()
 
@@ -63,7 +71,7 @@ def test_whole_motions_do_not_depend_on_the_backend(cache, monkeypatch, tmp_path
     for mode in ("vm", "c"):
         monkeypatch.setenv("DMOC_BACKEND", mode)
         motions[mode] = [solve(problem) for problem in problems]
-    assert len(list(cache.glob("*.so"))) == 1
+    assert len(list(cache.glob("*.so"))) == 2
     for a, b in zip(motions["vm"], motions["c"]):
         assert a.trajectory.q_rad.tobytes() == b.trajectory.q_rad.tobytes()
         assert (a.cost, a.iterations, a.max_defect) == (b.cost, b.iterations, b.max_defect)
@@ -161,3 +169,39 @@ def test_report_names_the_folder(cache) -> None:
     assert report.folder == cache
     assert report.mode == "c"
     assert report.libraries == 0
+
+
+@needs_compiler
+@pytest.mark.parametrize("thing", ["folder", "library", "seal"])
+@pytest.mark.parametrize("fault", ["others can write", "another owner", "a link"])
+def test_what_others_could_have_planted_is_not_loaded(cache, tmp_path, thing, fault) -> None:
+    """A library is code: root ran one that somebody else had put into a folder for all."""
+    library = library_for(small_functions())
+    library.start(wait=True)
+    assert library.load() is not None
+    path = {
+        "folder": cache,
+        "library": library.path,
+        "seal": library.path.with_suffix(".sha256"),
+    }[thing]
+    if fault == "others can write":
+        path.chmod(path.stat().st_mode | stat.S_IWOTH)
+    elif fault == "another owner":
+        if os.geteuid() != 0:
+            pytest.skip("only root can give a file away")
+        os.chown(path, 65534, 65534)
+    else:
+        path.rename(tmp_path / "elsewhere")
+        path.symlink_to(tmp_path / "elsewhere")
+    assert library.load() is None
+    if thing == "folder":
+        assert not backend_report().writable
+        before = sorted(cache.iterdir())
+        library_for([small_functions()[0].wrap()]).start(wait=True)
+        assert sorted(cache.iterdir()) == before
+
+
+@needs_compiler
+def test_a_new_cache_folder_is_ours_alone(cache) -> None:
+    library_for(small_functions()).start(wait=True)
+    assert stat.S_IMODE(cache.stat().st_mode) == 0o700

@@ -14,10 +14,11 @@ from dmoc.motion.motion import MotionProblem
 from dmoc.motion.status import Status
 from dmoc.programme.builder import Families
 from dmoc.programme.guess import straight_guess
-from dmoc.programme.types import Box, Guess, PathRows, SolveParams
+from dmoc.programme.types import Box, Guess, PathRows
 from dmoc.robot.robot import load_robot
 from dmoc.solving.nlp import solve_nlp
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import SolveParams
 
 OWN = SolveParams(solver="structured")
 OWN_KNOTS = SolveParams(solver="structured", limit_curve=False)

@@ -10,11 +10,11 @@ from random_arms import random_problems, random_robot
 from dmoc.interior.filter import Filter, Merit
 from dmoc.interior.frames import frames_of, places_of_end
 from dmoc.interior.oracle import Oracle
-from dmoc.interior.point_kernels import gather_rows, gradients
+from dmoc.interior.point_kernels import Box, gather_rows, gradients
 from dmoc.interior.system import NewtonSystem
 from dmoc.motion.constraints import MotionLimits, TorqueSpeed
 from dmoc.programme.builder import Families, motion_programme
-from dmoc.programme.curve_limits import Margins, no_lag
+from dmoc.programme.curve_limits import no_lag, no_margins
 from dmoc.programme.numbers import parameters, variable_bounds
 from tests.naive.naive_newton import dense_solution, has_right_inertia, places
 
@@ -122,10 +122,10 @@ def test_flat_derivatives_are_those_of_the_assembled_programme(tmp_path, familie
     )
     motion = motion_programme(problem, families)
     rng = np.random.default_rng(3)
-    margins = Margins(no_lag(6, 3), np.zeros((6, 3)), np.zeros((5, 3)))
+    margins = no_margins(no_lag(6, 3))
     margins = replace(margins, mobility=rng.normal(size=(5, 3, 3)))
     p = parameters(problem, motion, rng.normal(size=(6, 6 * families.half_spaces)), margins)
-    lower, upper = variable_bounds(problem, motion, None)
+    lower, upper = variable_bounds(problem, motion, None, margins.inside)
     x = rng.uniform(np.maximum(lower, -2), np.minimum(upper, 2))
     x[motion.layout.step] = 0.1
     frames = frames_of(motion)
@@ -140,15 +140,13 @@ def test_flat_derivatives_are_those_of_the_assembled_programme(tmp_path, familie
     num_limits = len(rows) - frames.num_momentum
     w = np.zeros(frames.size + num_limits)
     infinite = np.full(len(w), np.inf)
+    no_step = np.zeros(frames.size, dtype=bool)
     found_value, *_ = gather_rows(
         oracle.values,
         frames.rows,
         np.zeros(frames.num_momentum),
         w,
-        w - 1,
-        infinite,
-        frames.size,
-        frames.num_momentum,
+        Box(w - 1, infinite, no_step, frames.size, frames.num_momentum),
         found,
     )
     assert found_value == pytest.approx(value[0], rel=1e-13)
@@ -157,18 +155,7 @@ def test_flat_derivatives_are_those_of_the_assembled_programme(tmp_path, familie
     system.set_rows(oracle.slopes)
     grad, pull = np.zeros(frames.size), np.zeros(frames.size)
     system.pull(y[: frames.num_momentum], pull)
-    cost, limit = frames.objective, frames.limit
-    gradients(
-        oracle.slopes,
-        y,
-        cost.source,
-        cost.column,
-        limit.source,
-        limit.row,
-        limit.column,
-        grad,
-        pull,
-    )
+    gradients(oracle.slopes, y, frames.objective, frames.limit, grad, pull)
     jac = np.array(motion.programme.jac_g(x, p)[1])
     np.testing.assert_allclose(grad, np.array(motion.programme.grad_f(x, p)[1]).ravel(), atol=1e-10)
     np.testing.assert_allclose(pull, jac.T @ y, atol=1e-9)

@@ -79,3 +79,34 @@ def test_kernels_run_from_a_read_only_installation_without_a_home(tmp_path, has_
         assert list(own.rglob("*.nbc"))
     else:
         assert done.stdout.strip() == "None"
+
+
+MODULE = """
+from typing import NamedTuple
+from dmoc.jit import njit
+
+class {name}(NamedTuple):
+    value: float
+
+@njit
+def twice(item):
+    return 2.0 * item.value
+
+print(twice({name}(1.5)))
+"""
+
+
+def test_kept_code_of_a_type_that_is_gone_is_compiled_anew(tmp_path):
+    """An update in place that renamed a type ended in an AttributeError of numba's cache."""
+    for name in ("Old", "New"):
+        (tmp_path / "kernel_of_test.py").write_text(MODULE.format(name=name))
+        done = subprocess.run(
+            [sys.executable, "-c", "import kernel_of_test"],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
+        )
+        assert done.stdout.strip() == "3.0", done.stderr
+    assert list((tmp_path / "__pycache__").glob("*.nbi"))

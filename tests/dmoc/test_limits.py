@@ -11,11 +11,12 @@ from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.status import Status
 from dmoc.physics.resimulation import replay_motion
 from dmoc.programme.guess import guess_from_trajectory, straight_guess
-from dmoc.programme.types import Box, PathRows, SolveParams
+from dmoc.programme.types import Box, PathRows
 from dmoc.robot.drive import drive_from_mapping, electrical_power_w
 from dmoc.robot.robot import load_robot
 from dmoc.solving.nlp import solve_nlp
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import SolveParams
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +149,8 @@ def test_electrical_cost_saves_joules() -> None:
     robot = load_robot("ur10e_class")
     problem = random_problems(robot, 1, seed=5)[0]
     plain = solve(problem).require()
-    electrical = problem.replace(cost=ElectricalCost(), duration_s=plain.duration_s)
+    midpoints = ElectricalCost(transcription="paper")
+    electrical = problem.replace(cost=midpoints, duration_s=plain.duration_s)
     motion = solve(electrical)
     assert motion.status.ok
     drive = drive_from_mapping(robot.drive, 6)

@@ -59,8 +59,27 @@ def test_every_number_is_tagged(robot):
         assert tag in ("measured", "assumed") or tag.startswith("published: ")
 
 
+def test_shapes_are_those_that_the_parser_finds_in_a_plain_file(robot):
+    geometry = pin.buildGeomFromUrdf(robot.model, str(robot.urdf), pin.GeometryType.COLLISION)
+    theirs = {}
+    for item in geometry.geometryObjects:
+        link = robot.model.frames[item.parentFrame].name
+        theirs.setdefault(link, []).append((item.parentJoint, item.placement, item.geometry))
+    assert len(geometry.geometryObjects) == len(robot.link_shapes()) > 5
+    for item in robot.link_shapes():
+        joint, placement, solid = theirs[item.link].pop(0)
+        assert joint == item.joint
+        assert np.allclose(placement.homogeneous, item.placement.homogeneous, atol=1e-12)
+        size = {
+            "box": lambda s: 2 * s.halfSide,
+            "cylinder": lambda s: [s.radius, 2 * s.halfLength],
+            "sphere": lambda s: [s.radius],
+        }[item.shape.kind](solid)
+        assert np.allclose(size, item.shape.size_m)
+
+
 def test_pairs_that_may_not_touch_are_apart_at_home(robot):
-    geometry = robot.geometry()
+    geometry = pin.buildGeomFromUrdf(robot.model, str(robot.urdf), pin.GeometryType.COLLISION)
     geometry.addAllCollisionPairs()
     data, shapes = robot.model.createData(), geometry.createData()
     q = HOME if robot.name == "irb6640_class" else np.array([0, -1.5, 1.2, -1, -1.5, 0.0])
@@ -95,10 +114,8 @@ def test_base_moves_the_arm_and_the_fixed_shapes():
     assert np.allclose(
         moved.flange_pose(HOME).homogeneous, (base * robot.flange_pose(HOME)).homogeneous
     )
-    for before, after in zip(
-        robot.geometry().geometryObjects, moved.geometry().geometryObjects, strict=True
-    ):
-        expected = base * before.placement if before.parentJoint == 0 else before.placement
+    for before, after in zip(robot.link_shapes(), moved.link_shapes(), strict=True):
+        expected = base * before.placement if before.joint == 0 else before.placement
         assert np.allclose(after.placement.homogeneous, expected.homogeneous)
     assert np.allclose(moved.gravity_torque_nm(HOME), robot.gravity_torque_nm(HOME))
 

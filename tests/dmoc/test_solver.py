@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,10 +13,10 @@ from dmoc.motion.constraints import MotionLimits
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import MotionNotSolved, MotionProblem
 from dmoc.motion.status import Status
-from dmoc.programme.types import SolveParams
 from dmoc.robot.robot import load_robot
 from dmoc.solving.nlp import STATUS
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import SolveParams
 
 
 @pytest.fixture(scope="module")
@@ -168,8 +169,9 @@ def test_smoothing_removes_the_checkerboard_and_is_not_reported(arm) -> None:
         u = motion.trajectory.torque_nm / arm.torque_limit_nm
         return float(np.median(np.abs(u[2:] - 2 * u[1:-1] + u[:-2])))
 
-    rough = solve(problem.replace(cost=Cost(torque_smoothing=0.0, effort=0.0)))
-    smooth = solve(problem.replace(cost=Cost(effort=0.0)))
+    paper = Cost(effort=0.0, transcription="paper")
+    rough = solve(problem.replace(cost=replace(paper, torque_smoothing=0.0)))
+    smooth = solve(problem.replace(cost=paper))
     assert rough.smoothing_cost == 0.0
     assert smooth.smoothing_cost > 0.0
     assert index(smooth) < 0.2 * index(rough)

@@ -5,11 +5,14 @@ import struct
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dmoc.errors import DmocError, RobotError
 from dmoc.robot.robot import load_robot
+from planning.station.parts import check_link_meshes
+from sequencing.report.geometry import robot_triangles
 
 SOURCE = load_robot("irb6640_class").urdf
 URDF = SOURCE.read_text()
@@ -28,6 +31,10 @@ def codes(folder, urdf=URDF, settings=None):
         assert fault.legal
         assert fault.fix
     return [fault.code for fault in caught.value.faults]
+
+
+#: The first collision shape.
+FOOT = r'(<collision>.*?)<box size="0.78 0.7 0.08"/>'
 
 
 def sub(pattern, replacement):
@@ -61,9 +68,9 @@ BAD = {
     "zero speed": (r'velocity="1.7[^"]*"', 'velocity="0"', "limit-velocity"),
     "millimetres": (r'xyz="0 0 1.075"', 'xyz="0 0 1075"', "urdf-unit"),
     "infinite offset": (r'xyz="0 0 1.075"', 'xyz="0 0 inf"', "urdf-number"),
-    "continuous": (
+    "floating": (
         r'name="joint_4" type="revolute"',
-        'name="joint_4" type="continuous"',
+        'name="joint_4" type="floating"',
         "joint-type",
     ),
     "prismatic": (
@@ -89,9 +96,10 @@ BAD = {
     "mesh uri": (
         r'<box size="0.78 0.7 0.08"/>',
         '<mesh filename="file:///etc/passwd"/>',
-        "mesh-missing",
+        "path-outside",
     ),
-    "mesh missing": (r'<box size="0.78 0.7 0.08"/>', '<mesh filename="no.stl"/>', "mesh-missing"),
+    "mesh missing": (FOOT, r'\1<mesh filename="no.stl"/>', "mesh-missing"),
+    "package missing": (FOOT, r'\1<mesh filename="package://none/a.stl"/>', "package-missing"),
     "negative box": (r'<box size="0.78 0.7 0.08"/>', '<box size="0.78 -0.7 0.08"/>', "shape-size"),
     "two shapes": (
         r'<box size="0.78 0.7 0.08"/>',
@@ -110,7 +118,12 @@ BAD = {
     ),
     "syntax": (r"</robot>", "", "urdf-syntax"),
     "no robot": (r"<robot name.*</robot>", "<sdf/>", "urdf-root"),
-    "mimic": (r'<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="joint_2"/>', "joint-mimic"),
+    "two masses": (r'<mass value="330"/>', '<mass value="330"/><mass value="3"/>', "urdf-twice"),
+    "misspelt tag": (r"<collision>(.*?)</collision>", r"<colision>\1</colision>", "urdf-word"),
+    "misspelt attribute": (r'<origin xyz="0 0 1.075"', '<origin xzy="0 0 1.075"', "urdf-word"),
+    "underscore": (r'<mass value="330"/>', '<mass value="3_3_0"/>', "urdf-number"),
+    "other digits": (r'<mass value="330"/>', '<mass value="٣٣٠"/>', "urdf-number"),
+    "no-break space": (r'<mass value="330"/>', '<mass value="330&#160;"/>', "urdf-number"),
 }
 
 
@@ -147,21 +160,38 @@ def test_deep_nesting_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "code"),
+    ("name", "content", "code"),
     [
-        (b"", "mesh-broken"),
-        (b"solid x\nfacet", "mesh-broken"),
-        (b"x" * 80 + struct.pack("<I", 99), "mesh-broken"),
+        ("link.stl", b"solid x\nfacet", "mesh-truncated"),
+        ("link.stl", b"x" * 80 + struct.pack("<I", 99), "mesh-truncated"),
         (
+            "link.stl",
             b"x" * 80 + struct.pack("<I", 1) + np.full(12, np.nan, "<f4").tobytes() + b"\0\0",
-            "mesh-broken",
+            "mesh-nan",
         ),
+        ("link.dae", b"<COLLADA><asset>", "mesh-syntax"),
+        ("link.ply", trimesh.creation.box().export(file_type="ply")[:-40], "mesh-syntax"),
+        ("link.obj", b"v 0 0 0\nf 1 2 3\n", "mesh-index"),
     ],
 )
-def test_broken_link_meshes(tmp_path, content, code):
-    (tmp_path / "link.stl").write_bytes(content)
-    bad = sub('<box size="0.78 0.7 0.08"/>', '<mesh filename="link.stl"/>')
-    assert code in codes(tmp_path, bad)
+def test_broken_link_meshes(tmp_path, name, content, code):
+    """A broken collision mesh costs the robot; a broken picture is drawn by the other shapes."""
+    (tmp_path / name).write_bytes(content)
+    (tmp_path / "arm.urdf").write_text(sub(FOOT, rf'\1<mesh filename="{name}"/>'))
+    with pytest.raises(DmocError) as caught:
+        check_link_meshes(load_robot(tmp_path / "arm.urdf"))
+    assert [fault.code for fault in caught.value.faults] == [code]
+    assert caught.value.faults[0].field == "link base_link.collision"
+    picture = sub('<box size="0.78 0.7 0.08"/>', f'<mesh filename="{name}"/>')
+    (tmp_path / "arm.urdf").write_text(picture)
+    robot = load_robot(tmp_path / "arm.urdf")
+    check_link_meshes(robot)
+    assert len(robot_triangles(robot)[0]) == 2
+
+
+def test_an_empty_mesh_is_named_at_once(tmp_path):
+    (tmp_path / "link.stl").write_bytes(b"")
+    assert codes(tmp_path, sub(FOOT, r'\1<mesh filename="link.stl"/>')) == ["mesh-broken"]
 
 
 @pytest.mark.parametrize(

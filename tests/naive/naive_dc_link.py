@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from sequencing.timing.power.dc_link import LinkParams
+from sequencing.timing.power.dc_link import LinkParams, LinkRun
 
 
 def circuit_energies(power_w, total_s, breaks, link: LinkParams, hysteresis: bool) -> dict:
@@ -81,13 +81,15 @@ def circuit_energies(power_w, total_s, breaks, link: LinkParams, hysteresis: boo
     }
 
 
-def clip_loop(drawn, link: LinkParams):
-    """The clip recursion, one Python step at a time."""
+def simulate_clip(drawn, link: LinkParams) -> LinkRun:
+    """The clip model over the energies drawn per step, one Python step at a time."""
     low, high = link.min_energy_j, link.max_energy_j
-    w, grid, chopper = low, [], []
+    w, grid, chopper, stored = low, [], [], [low]
     for e in np.asarray(drawn, dtype=float):
         y = w - e
         grid.append(max(0.0, low - y))
         chopper.append(max(0.0, y - high))
         w = min(max(y, low), high)
-    return np.array(grid), np.array(chopper), w
+        stored.append(w)
+    energy_j = link.grid_factor * (sum(grid) - (w - low))
+    return LinkRun(np.array(grid), np.array(chopper), np.array(stored), energy_j)

@@ -1,6 +1,6 @@
 r"""A planar arm of capsules among discs, with exact distances: the smallest station there is.
 
-It implements `dmoc.Clearance` in closed form, so that refinement can be drawn in two dimensions,
+It implements `motion.clearance.Clearance` in closed form: refinement is drawn in two dimensions,
 tested and understood without a collision engine. The arm moves in a vertical plane: joint angles
 add up, link i runs along (cos, sin) of their sum, and every link is a capsule of one radius.
 """

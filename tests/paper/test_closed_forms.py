@@ -7,9 +7,10 @@ import pytest
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import MotionProblem
 from dmoc.motion.status import Status
-from dmoc.programme.types import Guess, SolveParams
+from dmoc.programme.types import Guess
 from dmoc.robot.robot import load_robot
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import SolveParams
 
 EFFORT_ONLY = Cost(time=0.0, effort=1.0, velocity=0.0, torque_smoothing=0.0)
 

@@ -34,7 +34,7 @@ def test_forward_kinematics_equals_pinocchio(robot):
     chain = chain_of(robot)
     q = random_q(robot, 50, 1)
     poses, jacobian = chain.forward_jacobian(q)
-    frame = robot.model.getFrameId(robot.flange)
+    frame = robot.flange_id
     data = robot.model.createData()
     for row, pose, rates in zip(q, poses, jacobian, strict=True):
         tip = robot.tip_pose(row)

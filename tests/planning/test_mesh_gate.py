@@ -65,7 +65,7 @@ def test_broken_files(tmp_path):
         (b"", "mesh-empty"),
         (good[:-7], "mesh-truncated"),
         (good[:50], "mesh-truncated"),
-        (good + b"more", "mesh-truncated"),
+        (good + good[84:134], "mesh-truncated"),
         (b"\0" * 80 + struct.pack("<I", 0), "mesh-empty"),
         (b"solid x\nfacet normal 0 0 1\nvertex 0 0 0\n", "mesh-truncated"),
         (b"solid x\nfacet\nvertex 0 a 0\nendsolid", "mesh-syntax"),

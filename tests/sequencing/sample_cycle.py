@@ -20,6 +20,7 @@ from sequencing.cycle_types import (
     Cycle,
     CycleCost,
     CycleMotion,
+    Look,
     Search,
     StudRow,
     Tables,
@@ -154,4 +155,5 @@ def sample_cycle(home: bool = True, order: tuple[str, ...] = ("S1", "S3", "S2"))
         search=search,
         configurations=18,
         unreachable=(("S9", "joint limit (12)"),),
+        second_look=Look("python-fcl 0", len(motions), 201 * len(motions), 0),
     )

@@ -202,13 +202,10 @@ def test_refined_motions_are_above_the_bound(tmp_path) -> None:
     pairs = pairs[np.random.default_rng(3).choice(len(pairs), 250, False)]
     with EdgeStore(tmp_path / "edges.sqlite") as store:
         oracle = StationEdges(station, world, nodes, store)
-        try:
-            solved = oracle.evaluate(pairs)
-            assert np.all(oracle.bound(pairs) <= solved * (1 + 1e-6))
-            for motion in oracle.motions(pairs):
-                assert motion.status.ok or not np.isfinite(motion.cost)
-        finally:
-            oracle.close()
+        solved = oracle.evaluate(pairs)
+        assert np.all(oracle.bound(pairs) <= solved * (1 + 1e-6))
+        for motion in oracle.motions(pairs):
+            assert motion.status.ok or not np.isfinite(motion.cost)
 
 
 def test_the_holding_part_beats_speeds_and_energy_somewhere() -> None:

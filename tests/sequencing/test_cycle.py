@@ -16,6 +16,7 @@ import pinocchio as pin
 import pytest
 from mujoco_arm import mujoco_model
 
+from planning.collision.second_look import SecondLook, Touch
 from planning.collision.world import CollisionWorld
 from planning.station.build import demo_station
 from planning.station.station import Station
@@ -67,6 +68,32 @@ def test_every_motion_is_certified_and_meets_the_discrete_equations(cycle) -> No
         if item.motion.source == "refined":
             assert item.motion.max_defect <= 1e-6
             assert item.motion.trajectory.num_intervals == 40
+
+
+def test_a_motion_that_the_second_engine_refuses_is_not_delivered(
+    cycle, station, store_path, monkeypatch
+) -> None:
+    assert cycle.second_look.motions == len(cycle.motions)
+    assert cycle.second_look.contacts == 0
+    bad = cycle.motions[1]
+    ends = bad.motion.trajectory.q_rad[[0, -1]]
+
+    def touch(look, trajectory, lines):
+        again = trajectory.q_rad[[0, -1]]
+        same = np.allclose(again, ends) or np.allclose(again[::-1], ends)
+        return Touch(("clamp_1", "gun_tip"), 0.5) if same else None
+
+    monkeypatch.setattr(SecondLook, "touch", touch)
+    other = plan_station(station, stop=STOP, store=store_path)
+    assert all(m.motion.certified for m in other.motions)
+    for item in other.motions:
+        found = item.motion.trajectory.q_rad[[0, -1]]
+        assert not np.allclose(found, ends)
+        assert not np.allclose(found[::-1], ends)
+    assert other.second_look.contacts == 0
+    (text,) = other.second_look.refused
+    assert "clamp_1 and gun_tip in contact at 0.500 s" in text
+    assert {bad.origin, bad.target} == set(text.split(":")[0].split(" → "))
 
 
 def test_motions_join_at_rest(cycle) -> None:
@@ -258,10 +285,7 @@ def _few_alternatives(studs: int, most: int, folder: Path) -> Iterator[StationEd
     few = tuple(replace(item, alternatives=item.alternatives[:most]) for item in found)
     with EdgeStore(folder / "edges.sqlite") as store:
         oracle = StationEdges(station, world, station_nodes(station, few), store)
-        try:
-            yield oracle
-        finally:
-            oracle.close()
+        yield oracle
 
 
 def _tour_cost(oracle: StationEdges, order: tuple[int, ...]) -> float:

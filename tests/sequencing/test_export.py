@@ -16,9 +16,9 @@ from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion
 from sequencing.export.exporting import EXPORT_FORMATS, export_run
-from sequencing.export.readers import read_krl, read_log, read_rapid, read_ros, read_urscript
 from sequencing.export.wording import _LANGUAGES
 from sequencing.runs.folder import read_run, write_motions, write_run
+from studies.ur3.readers import read_krl, read_log, read_rapid, read_ros, read_urscript
 
 
 def run_of(folder, cycle):

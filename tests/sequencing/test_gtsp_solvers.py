@@ -216,7 +216,7 @@ def test_kernels_run_without_any_writable_cache():
         "for kind in vars(c).values():\n"
         "    if getattr(kind, '_locator_classes', None):\n"
         "        kind._locator_classes = []\n"
-        "from sequencing.gtsp.rng import uniform\n"
+        "from sequencing.gtsp.arrays import uniform\n"
         "import numpy as np\n"
         "assert 0 <= uniform(np.array([3], dtype=np.uint64)) < 1\n"
         "assert isinstance(uniform._cache, c.NullCache)\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,11 +19,13 @@ from sequencing.commands.console import Console
 from sequencing.commands.runs import run_compare, run_view
 from sequencing.commands.solve import run_solve
 from sequencing.cycle_types import CycleMotion
+from sequencing.report.markup import markdown_html
 from sequencing.runs.archive import json_text, npz_bytes, write_atomic
 from sequencing.runs.clock import timeline
 from sequencing.runs.compare import compare_runs, comparison_text, differences
 from sequencing.runs.folder import read_run, station_of, write_motions, write_run
-from sequencing.runs.result import cost_shares
+from sequencing.runs.result import cost_shares, result_of
+from sequencing.runs.tables import tables_markdown
 
 
 def written(tmp_path, cycle=None, name="run"):
@@ -363,3 +366,32 @@ def test_a_solved_motion_is_written_as_a_run(tmp_path):
     assert item.motion.cost == outcome.data["cost"]
     assert np.array_equal(item.motion.trajectory.q_rad, outcome.data["q_rad"])
     assert item.motion.certified is None
+
+
+NASTY = "a|b <img src=x onerror=alert(1)> [c](javascript:1) **d** `e`\n# f"
+
+
+def test_names_are_text_in_tables_and_page() -> None:
+    """Whatever a station calls its things, tables.md and report.html show it and nothing else."""
+    plain = sample_cycle()
+    motions = tuple(replace(item, origin=NASTY, target=NASTY) for item in plain.motions)
+    rows = tuple(replace(row, stud=NASTY) for row in plain.tables.studs)
+    robot = replace(plain.station.robot, provenance={NASTY: "assumed", "mass": NASTY})
+    cycle = replace(
+        plain,
+        station=replace(plain.station, name=NASTY, robot=robot),
+        motions=motions,
+        tables=replace(plain.tables, studs=rows),
+        unreachable=((NASTY, NASTY),),
+    )
+    text = tables_markdown(result_of(cycle, {}))
+    for sign in ("<", "`", "[c", "*d"):
+        places = [m.start() for m in re.finditer(re.escape(sign), text)]
+        assert places
+        assert all(text[at - 1] == "\\" for at in places), sign
+    table = [line for line in text.splitlines() if line.startswith("| a")]
+    assert len(table) == len(rows)
+    assert all(line.count("|") == 4 for line in table)
+    page = markdown_html(text)
+    assert "<img" not in page
+    assert page.count("&lt;img src=x onerror=alert(1)&gt; [c](javascript:1) **d** `e` # f") > 10

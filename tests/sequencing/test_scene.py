@@ -94,7 +94,7 @@ def test_frames_put_the_tip_where_the_robot_says(cycle, line):
     pose = np.eye(4)
     for x, y, z, qw, qx, qy, qz in joint_frames(robot, q)[0]:
         pose = pose @ pose_matrix((x, y, z), (qx, qy, qz, qw))
-    flange = robot.model.frames[robot.model.getFrameId(robot.flange)].placement.homogeneous
+    flange = robot.model.frames[robot.flange_id].placement.homogeneous
     tip = pose @ flange @ robot.tool.tip.homogeneous
     np.testing.assert_allclose(tip, robot.tip_pose(q[0]).homogeneous, atol=1e-4)
 

@@ -200,7 +200,7 @@ def test_loads_change_payload_and_wrench_of_the_trajectories_named(folder) -> No
     # Torque at full speed is inverse dynamics of the loaded arm with the wrench on its flange.
     path, arm = prepared.paths[1], north.loaded[1]
     model, data = arm.model, arm.model.createData()
-    flange = model.getFrameId(arm.flange)
+    flange = arm.flange_id
     for k in range(0, path.num_samples, 40):
         q, v, a = path.q_rad[k], path.velocity_rad_s[k], path.acceleration_rad_s2[k]
         jacobian = pin.computeFrameJacobian(

@@ -13,7 +13,7 @@ from dmoc.robot.robot import load_robot
 from planning.geometry.shapes import Body, Shape
 from sequencing.timing.cell.read import Cell, CellRobot
 from sequencing.timing.clearance.arms import arm_shapes, coal_solid, joint_frames
-from sequencing.timing.clearance.block_kernels import segment_distance
+from sequencing.timing.clearance.segments import segment_distance
 from sequencing.timing.clearance.swept import swept_path
 from sequencing.timing.clearance.verify import check_schedule
 from sequencing.timing.power.dc_link import LinkParams

@@ -12,10 +12,10 @@ from dmoc.curves.trapezoid import trapezoid_motion
 from dmoc.errors import InputError
 from planning import demo_station
 from sequencing.timing.cell import from_run as run_robot
-from sequencing.timing.cell.joined import write_joined_cell
 from sequencing.timing.cell.read import load_cell
 from sequencing.timing.clearance.verify import check_fixtures, check_schedule
 from sequencing.timing.scheduling import schedule
+from studies.pallet_cell.joined import write_joined_cell
 
 
 def fake_run(station, stops, weld_s: float, name: str, fingerprint: str | None = None):

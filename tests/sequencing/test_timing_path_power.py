@@ -87,7 +87,7 @@ def test_a_wrench_adds_its_static_torque_only() -> None:
     np.testing.assert_array_equal(free.speed_nm, loaded.speed_nm)
     k = free.num_samples // 2
     data, h = ROBOT.model.createData(), 1e-6
-    frame = ROBOT.model.getFrameId(ROBOT.flange)
+    frame = ROBOT.flange_id
     for j in range(6):
         lift = []
         for sign in (1, -1):

@@ -12,7 +12,7 @@ import planning
 from authoring.stations.pallet_cell import author
 from dmoc.errors import InputError
 from sequencing.timing.cell.read import load_cell
-from sequencing.timing.cell.schema import cell_schema
+from sequencing.timing.cell.schema import CellFile
 from sequencing.timing.clearance.verify import check_obstacles, check_schedule
 from sequencing.timing.power.along_path import drive_of
 from sequencing.timing.scheduling import schedule, schedule_to_dict
@@ -234,4 +234,4 @@ def test_a_jump_between_waypoints_of_an_archive_is_refused(tmp_path) -> None:
 
 
 def test_the_schema_is_published() -> None:
-    assert cell_schema()["properties"]["robots"]["maxItems"] == 20
+    assert CellFile.model_json_schema()["properties"]["robots"]["maxItems"] == 20

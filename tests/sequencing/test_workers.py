@@ -8,6 +8,23 @@ import subprocess
 import sys
 import textwrap
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cycle import small_station
+
+from dmoc.errors import ProblemError
+from planning.collision.world import CollisionWorld
+from planning.station.station import Station
+from planning.welds.alternatives_search import alternatives
+from sequencing.commands.workers import WorkerPool
+from sequencing.edges import jobs as jobs_module
+from sequencing.edges import worker
+from sequencing.edges.nodes import station_nodes
+from sequencing.edges.oracle import StationEdges
+from sequencing.edges.store import EdgeStore
 
 PROGRAM = textwrap.dedent(
     """
@@ -46,3 +63,113 @@ def test_a_killed_command_leaves_no_worker(tmp_path) -> None:
         time.sleep(0.1)
     assert not _alive(worker)
     process.stdout.close()
+
+
+KILLS = "DMOC_TEST_KILLS"
+
+
+def deadly(job: worker.EdgeJob) -> worker.EdgeResult:
+    """Kills its process at the edges to the stud named in KILLS; as often as that file says."""
+    stud, _, counter = os.environ[KILLS].partition(":")
+    result = worker.EdgeResult(job.key, None, 0.0)
+    if job.bundle is not None:
+        worker._keep(worker._bundles, job.context, job.bundle)
+    if job.context in worker._bundles:
+        left = int(Path(counter).read_text())
+        if job.target == stud and left > 0:
+            Path(counter).write_text(str(left - 1))
+            os.kill(os.getpid(), signal.SIGKILL)
+        result = worker.EdgeResult(job.key, job.key.encode(), 0.0)
+    return result
+
+
+@pytest.fixture(scope="module")
+def station() -> Station:
+    return small_station(3, 2)
+
+
+def oracle_of(station: Station, store: EdgeStore, executor) -> StationEdges:
+    world = CollisionWorld(station)
+    nodes = station_nodes(station, alternatives(station, world))
+    return StationEdges(station, world, nodes, store, executor=executor)
+
+
+@pytest.mark.parametrize(("deaths", "lost"), [(1, 0), (99, 1)])
+def test_a_killed_worker_costs_its_edge_at_most(
+    station, deaths, lost, tmp_path, monkeypatch
+) -> None:
+    """Once: nothing. Again and again: the poisonous edge is named after two tries."""
+    counter = tmp_path / "left"
+    counter.write_text(str(deaths))
+    pool = WorkerPool(2)
+    monkeypatch.setenv(KILLS, f"{station.studs[2].id}:{counter}")
+    monkeypatch.setattr(jobs_module, "solve_edge", deadly)
+    with EdgeStore(tmp_path / "edges.sqlite") as store:
+        oracle = oracle_of(station, store, pool)
+        studs = oracle.nodes.stud
+        pairs = [tuple(map(int, pair)) for pair in oracle.nodes.usable_pairs()]
+        poisonous = [pair for pair in pairs if studs[pair[1]] == station.studs[2].id][:1]
+        chosen = [p for p in pairs if studs[p[1]] != station.studs[2].id][:20] + poisonous
+        wanted = [oracle.jobs.job(*pair, "screen") for pair in chosen]
+        try:
+            done = list(oracle.jobs.solve(wanted))
+        finally:
+            pool.shutdown()
+        assert sorted(done) == sorted(job.key for job in wanted)
+        assert len(store) == len(wanted) - lost
+    assert len(oracle.jobs.lost) == lost
+    for motion in oracle.jobs.lost.values():
+        assert motion.note.endswith(f"{station.studs[2].id} killed its worker twice")
+        assert oracle.reuse().lost == (motion.note,)
+        assert not np.isfinite(motion.cost)
+    assert int(counter.read_text()) == deaths - (2 if lost else 1)
+
+
+def test_a_pool_that_cannot_be_renewed_ends_in_a_coded_error(
+    station, tmp_path, monkeypatch
+) -> None:
+    counter = tmp_path / "left"
+    counter.write_text("99")
+    monkeypatch.setenv(KILLS, f"{station.studs[2].id}:{counter}")
+    monkeypatch.setattr(jobs_module, "solve_edge", deadly)
+    with EdgeStore(":memory:") as store, WorkerPool(1)._pool as pool:
+        oracle = oracle_of(station, store, pool)
+        pairs = oracle.nodes.usable_pairs()
+        studs = np.array(oracle.nodes.stud)
+        bad = pairs[studs[pairs[:, 1]] == station.studs[2].id][0]
+        with pytest.raises(ProblemError, match="workers-gone") as caught:
+            list(oracle.jobs.solve([oracle.jobs.job(*bad, "screen")]))
+        assert station.studs[2].id in str(caught.value)
+
+
+def test_four_threads_give_the_bytes_of_one(station, tmp_path) -> None:
+    with EdgeStore(":memory:") as one, EdgeStore(":memory:") as four:
+        alone = oracle_of(station, one, None)
+        with ThreadPoolExecutor(4) as threads:
+            together = oracle_of(station, four, threads)
+            pairs = together.nodes.usable_pairs()[::7][:16]
+            together.evaluate(pairs)
+        alone.evaluate(pairs)
+        keys = [alone.keys.key(*pair, "screen") for pair in pairs]
+        assert keys == [together.keys.key(*pair, "screen") for pair in pairs]
+        assert [one.get(key) for key in keys] == [four.get(key) for key in keys]
+        assert None not in [one.get(key) for key in keys]
+
+
+def test_a_world_refuses_another_thread(station) -> None:
+    world = CollisionWorld(station)
+    q = np.array(station.home_rad)
+    assert world.collide(q) is None
+    with ThreadPoolExecutor(1) as threads:
+        with pytest.raises(ProblemError, match="world-thread"):
+            threads.submit(world.collide, q).result()
+        assert threads.submit(lambda: CollisionWorld(station).collide(q)).result() is None
+
+
+def test_no_file_is_left_for_workers(station, tmp_path, monkeypatch) -> None:
+    """What a killed run cannot remove does not exist: the station goes with the jobs."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with EdgeStore(":memory:") as store:
+        oracle = oracle_of(station, store, None)
+        oracle.evaluate(oracle.nodes.usable_pairs()[:1])
+    assert list(tmp_path.iterdir()) == []

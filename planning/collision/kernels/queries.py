@@ -4,7 +4,7 @@
 poses of the standing pieces filled in; `moving` pieces come first. `tip` holds the joint and
 position (4,) of the tool tip, `lines` (L, 8) start, direction, length and stray of departure
 lines, `exempt` (L, M) the pairs that a tip inside the tube of a line may ignore, `inside` (L,)
-workspace for whether it is. `work` is `planning.packed.Work`; no kernel reads of it what the same
+workspace for whether it is. `work` is `collision.packed.Work`; no kernel reads of it what the same
 call has not written.
 """
 

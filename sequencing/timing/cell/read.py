@@ -16,7 +16,7 @@ from planning.station.schema import RobotEntry, faults_of
 from sequencing.timing.cell.from_run import robot_from_run
 from sequencing.timing.cell.schema import CellFile, CellRobotEntry
 from sequencing.timing.cell.trajectories import read_trajectories, with_loads
-from sequencing.timing.cell.types import Cell, CellRobot, in_order, predecessors
+from sequencing.timing.cell.types import Cell, CellRobot, predecessors, waiting_order
 from sequencing.timing.power.dc_link import LinkParams
 
 
@@ -59,7 +59,8 @@ def load_cell(path: str | Path) -> Cell:
         raise InputError(build.faults)
     handovers = _handovers(entry, robots, build)
     sizes = [len(robot.trajectories) for robot in robots]
-    build.attempt(("handovers",), lambda: in_order(predecessors(sizes, handovers)))
+    numbered = [f"{name}/{k}" for name, size in zip(names, sizes) for k in range(size)]
+    build.attempt(("handovers",), lambda: waiting_order(predecessors(sizes, handovers), numbered))
     if build.faults:
         raise InputError(build.faults)
     return Cell(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -90,9 +90,3 @@ class CellFile(_Entry):
     handovers: list[HandoverEntry] = []
     base_load_w: NotNegative = 0.0
     clearance_m: Annotated[float, Field(allow_inf_nan=False, ge=0, le=0.5)] = 0.02
-
-
-def cell_schema() -> dict[str, Any]:
-    """The JSON Schema of cell.yaml (draft 2020-12)."""
-    schema = CellFile.model_json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

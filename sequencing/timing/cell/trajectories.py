@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import itertools
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
+from dmoc.arrays import arrays_of
 from dmoc.curves.trapezoid import trapezoid_motion
 from dmoc.errors import DmocError, Fault, InputError
-from dmoc.input_file import Refuse
+from dmoc.input_file import Refuse, content_of
 from dmoc.motion.trajectory import JointTrajectory, inverse_dynamics
 from dmoc.robot.robot import Robot
 from dmoc.table_file import number_of, read_table
@@ -93,15 +92,13 @@ def read_trajectories(folder: Path, robot: Robot, payload_kg: float = 0.0) -> Fo
     elif table.is_file():
         found = _from_waypoints(table, robot, payload_kg)
     else:
-        raise InputError(
-            Fault(
-                "motions-missing",
-                str(folder),
-                "trajectories",
-                "neither file",
-                "a folder with motions.npz or waypoints.csv",
-                "check the path",
-            )
+        raise InputError.of(
+            "motions-missing",
+            str(folder),
+            "trajectories",
+            "neither file",
+            "a folder with motions.npz or waypoints.csv",
+            "check the path",
         )
     _require_joined(folder, found)
     return found
@@ -114,18 +111,15 @@ def _loads(robot: Robot, payloads: list[float]) -> tuple[Robot, ...]:
 
 def _from_archive(path: Path, robot: Robot, payload_kg: float) -> FolderMotions:
     try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {key: np.array(data[key]) for key in data.files}
-    except (OSError, ValueError, EOFError, AttributeError, BadZipFile, zlib.error) as error:
-        raise InputError(
-            Fault(
-                "motions-damaged",
-                str(path),
-                "motions.npz",
-                str(error)[:100],
-                "a NumPy archive of numbers",
-                "write it again with numpy.savez",
-            )
+        arrays = arrays_of(content_of(path))
+    except (OSError, ValueError) as error:
+        raise InputError.of(
+            "motions-damaged",
+            str(path),
+            "motions.npz",
+            str(error)[:100],
+            "a NumPy archive of numbers",
+            "write it again with numpy.savez",
         ) from error
     names = sorted({key.split("/")[0] for key in arrays})
     loaded = robot.with_payload(payload_kg)
@@ -247,70 +241,58 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
     header = table.header
     wrong = [name for name in columns if header.count(name) != 1]
     if wrong:
-        raise InputError(
-            Fault(
-                "csv-columns",
-                str(path),
-                ", ".join(wrong),
-                "missing" if not set(wrong) & set(header) else "missing or twice",
-                ", ".join(columns),
-                "give each column once",
-                1,
-            )
+        raise InputError.of(
+            "csv-columns",
+            str(path),
+            ", ".join(wrong),
+            "missing" if not set(wrong) & set(header) else "missing or twice",
+            ", ".join(columns),
+            "give each column once",
+            1,
         )
     points: list[np.ndarray] = []
     payloads: list[float] = []
     labels: list[str] = []
     faults: list[Fault] = []
+
+    def refuse(
+        field: str, code: str, value: str, legal: str, fix: str, line: int | None = None
+    ) -> None:
+        faults.append(Fault(code, str(path), field, value, legal, fix, line))
+
     for line, cells in table.rows:
         row = dict(zip(header, cells))
         q = np.array([_number(row.get(name), -np.inf, np.inf) for name in columns[1:]])
         given = row.get("payload_kg")
         payload = _number(given, 0.0, 5000.0) if given else payload_kg
         if len(cells) > len(header):
-            faults.append(
-                Fault(
-                    "csv-value",
-                    str(path),
-                    "row",
-                    f"{len(cells) - len(header)} cells too many",
-                    f"{len(header)} cells",
-                    "take the extra separators out",
-                    line,
-                )
-            )
+            value = f"{len(cells) - len(header)} cells too many"
+            legal = f"{len(header)} cells"
+            refuse("row", "csv-value", value, legal, "take the extra separators out", line)
         for name, value in zip((*columns[1:], "payload_kg"), (*q, payload)):
             if not np.isfinite(value):
                 legal = "0 .. 5000 kg" if name == "payload_kg" else "a finite number of radians"
                 shown = "nothing" if not row.get(name) else repr(row[name])[:60]
-                faults.append(
-                    Fault("csv-value", str(path), name, shown, legal, "write a number", line)
-                )
+                refuse(name, "csv-value", shown, legal, "write a number", line)
         out = (q < robot.q_lower_rad - 1e-9) | (q > robot.q_upper_rad + 1e-9)
         for j in np.flatnonzero(out):
             legal = f"{robot.q_lower_rad[j]:.4f} .. {robot.q_upper_rad[j]:.4f} rad"
-            faults.append(
-                Fault(
-                    "joint-limit",
-                    str(path),
-                    columns[1 + j],
-                    f"{q[j]:.4f}",
-                    legal,
-                    "move the waypoint; angles are in radians",
-                    line,
-                )
+            refuse(
+                columns[1 + j],
+                "joint-limit",
+                f"{q[j]:.4f}",
+                legal,
+                "move the waypoint; angles are in radians",
+                line,
             )
         if points and np.abs(q - points[-1]).max() <= 1e-12:
-            faults.append(
-                Fault(
-                    "no-motion",
-                    str(path),
-                    "q1_rad ..",
-                    "the joint vector of the row before",
-                    "a different one",
-                    "leave this row out",
-                    line,
-                )
+            refuse(
+                "q1_rad ..",
+                "no-motion",
+                "the joint vector of the row before",
+                "a different one",
+                "leave this row out",
+                line,
             )
         points.append(q)
         payloads.append(payload)
@@ -346,26 +328,22 @@ def _require_joined(folder: Path, found: FolderMotions) -> None:
     for k, (a, b) in enumerate(zip(found.trajectories, found.trajectories[1:])):
         gap = float(np.abs(a.q_rad[-1] - b.q_rad[0]).max())
         if gap > 1e-3:
-            raise InputError(
-                Fault(
-                    "motions-gap",
-                    str(folder),
-                    f"trajectory {k + 1}",
-                    f"{gap:.4f} rad apart",
-                    "<= 0.001 rad",
-                    "begin each trajectory where the last one ended",
-                )
+            raise InputError.of(
+                "motions-gap",
+                str(folder),
+                f"trajectory {k + 1}",
+                f"{gap:.4f} rad apart",
+                "<= 0.001 rad",
+                "begin each trajectory where the last one ended",
             )
     for k, trajectory in enumerate(found.trajectories):
         speed = float(np.abs(trajectory.velocity_rad_s[[0, -1]]).max())
         if speed > 1e-3:
-            raise InputError(
-                Fault(
-                    "motions-moving",
-                    str(folder),
-                    f"trajectory {k}",
-                    f"{speed:.4f} rad/s",
-                    "at rest at both ends",
-                    "an override needs motions from rest to rest",
-                )
+            raise InputError.of(
+                "motions-moving",
+                str(folder),
+                f"trajectory {k}",
+                f"{speed:.4f} rad/s",
+                "at rest at both ends",
+                "an override needs motions from rest to rest",
             )

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.trajectory import JointTrajectory
+from dmoc.order_graph import circle_of, in_order
 from dmoc.robot.robot import Robot
 from planning.geometry.shapes import Body
 from sequencing.timing.power.dc_link import LinkParams
@@ -91,32 +92,17 @@ def predecessors(sizes: Sequence[int], handovers: Sequence[tuple[int, int]]) -> 
     return preds
 
 
-def in_order(preds: list[list[int]]) -> list[int]:
-    """The trajectories, each after what it waits for; a circle raises `ProblemError`."""
-    waiting = [len(p) for p in preds]
-    after: list[list[int]] = [[] for _ in preds]
-    for k, row in enumerate(preds):
-        for p in row:
-            after[p].append(k)
-    ready = [k for k, count in enumerate(waiting) if count == 0]
-    order = []
-    while ready:
-        k = ready.pop()
-        order.append(k)
-        for s in after[k]:
-            waiting[s] -= 1
-            if waiting[s] == 0:
-                ready.append(s)
-    if len(order) < len(preds):
-        stuck = [k for k, count in enumerate(waiting) if count > 0]
-        raise ProblemError(
-            Fault(
-                "handover-circle",
-                "",
-                "handovers",
-                f"trajectories {stuck[:8]}",
-                "no circle of waiting",
-                "remove one hand-over of the circle",
-            )
+def waiting_order(preds: list[list[int]], names: Sequence[str] = ()) -> list[int]:
+    """The trajectories, each after what it waits for; a circle raises `ProblemError` naming it."""
+    pairs = [(p, k) for k, row in enumerate(preds) for p in row]
+    circle = circle_of(pairs)
+    if circle:
+        raise ProblemError.of(
+            "handover-circle",
+            "",
+            "handovers",
+            " -> ".join(names[k] if names else str(k) for k in circle),
+            "no circle of waiting",
+            "remove one hand-over of the circle",
         )
-    return order
+    return in_order(range(len(preds)), pairs)

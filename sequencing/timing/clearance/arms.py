@@ -13,7 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.robot.robot import Robot
 from planning.collision.pieces import Mounted, Piece, piece_of
 from planning.collision.robot_bodies import link_bodies, tool_mounts
@@ -147,10 +147,8 @@ def coal_solid(shape: Shape) -> coal.CollisionGeometry:
             model.addTriangle(*points[triangle])
         model.endModel()
         return model
-    raise ProblemError(
-        Fault(
-            "shape-kind", "", "shape.kind", str(shape.kind), "box, cylinder, sphere, convex, mesh"
-        )
+    raise ProblemError.of(
+        "shape-kind", "", "shape.kind", str(shape.kind), "box, cylinder, sphere, convex, mesh"
     )
 
 
@@ -187,6 +185,6 @@ def joint_axis(robot: Robot, j: int) -> tuple[bool, np.ndarray]:
         return name[0] == "R", np.eye(3)["XYZ".index(name[1])]
     if name in ("RevoluteUnaligned", "PrismaticUnaligned"):
         return name[0] == "R", np.asarray(robot.model.joints[j].extract().axis, dtype=float)
-    raise ProblemError(
-        Fault("joint-kind", "", str(robot.model.names[j]), name, "revolute or prismatic, one axis")
+    raise ProblemError.of(
+        "joint-kind", "", str(robot.model.names[j]), name, "revolute or prismatic, one axis"
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dmoc.jit import njit
-from sequencing.timing.clearance.capsule_map import CoordinationMap
+from sequencing.timing.clearance.coordination_map import CoordinationMap
 
 FREE, UNKNOWN = -1, -2
 
@@ -48,8 +48,9 @@ def _phase(t, start, override, duration):
 
 
 @njit
-def pair_kernel(start, override, duration, a0, a1, b0, b1, index, blocks, total, found):
+def pair_kernel(start, override, duration, maps, total, found):
     """Count of colliding pairs put into `found` (most, 2), or -1 if found[0] has no map yet."""
+    a0, a1, b0, b1, index, blocks = maps
     a, b = a0, b0
     count = 0
     t = 0.0
@@ -103,13 +104,13 @@ def pair_kernel(start, override, duration, a0, a1, b0, b1, index, blocks, total,
 
 
 @njit
-def many_kernel(timing, duration, a0, a1, b0, b1, index, blocks, total, begin, free, found):
+def many_kernel(timing, duration, maps, total, begin, free, found):
     """Clear `free` (P,) where timing (P, 2, S) collides; P, or the one that lacks the map found."""
     for p in range(begin, timing.shape[0]):
         if not free[p]:
             continue
         start, override = timing[p, 0], timing[p, 1]
-        count = pair_kernel(start, override, duration, a0, a1, b0, b1, index, blocks, total, found)
+        count = pair_kernel(start, override, duration, maps, total, found)
         if count < 0:
             return p
         free[p] = count == 0
@@ -131,6 +132,11 @@ class PairMaps:
         shape = (self.first[1] - self.first[0], self.second[1] - self.second[0])
         self.index = np.full(shape, UNKNOWN, dtype=np.int64)
         self.stacked = np.zeros((0, 2, 2), dtype=np.uint8)
+
+    @property
+    def arrays(self) -> tuple[int | np.ndarray, ...]:
+        """What the kernels read."""
+        return (*self.first, *self.second, self.index, self.stacked)
 
     def fill(self, a: int, b: int) -> None:
         """Build the map of trajectories a and b (flat indices)."""
@@ -179,18 +185,7 @@ class Crossings:
         for pair in self.pairs:
             at = 0
             while at < len(held):
-                at = many_kernel(
-                    held,
-                    self.duration_s,
-                    *pair.first,
-                    *pair.second,
-                    pair.index,
-                    pair.stacked,
-                    self.total_s,
-                    at,
-                    out,
-                    found,
-                )
+                at = many_kernel(held, self.duration_s, pair.arrays, self.total_s, at, out, found)
                 if at < len(held):
                     pair.fill(int(found[0, 0]), int(found[0, 1]))
         return out
@@ -207,19 +202,7 @@ class Crossings:
         self, pair: PairMaps, start: np.ndarray, speed: np.ndarray, found: np.ndarray
     ) -> int:
         while True:
-            count = pair_kernel(
-                start,
-                speed,
-                self.duration_s,
-                pair.first[0],
-                pair.first[1],
-                pair.second[0],
-                pair.second[1],
-                pair.index,
-                pair.stacked,
-                self.total_s,
-                found,
-            )
+            count = pair_kernel(start, speed, self.duration_s, pair.arrays, self.total_s, found)
             if count >= 0:
                 return int(count)
             pair.fill(int(found[0, 0]), int(found[0, 1]))

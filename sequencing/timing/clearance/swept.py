@@ -13,7 +13,7 @@ bounded by the Bernstein coefficients of the speed, a quadratic between knots.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ from dmoc.robot.robot import Robot
 from sequencing.timing.clearance.arms import ArmShapes, joint_axis, joint_frames
 
 
-@dataclass(frozen=True, eq=False)
-class SweptPath:
+class SweptPath(NamedTuple):
     """Capsules along a path at P + 1 equally spaced times.
 
     `ends_m` (P+1, C, 2, 3) in the world, `radius_m` (C,), `travel_m` (P+1, C) the cumulated bound

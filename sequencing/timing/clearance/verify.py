@@ -20,7 +20,7 @@ from dmoc.robot.robot import Robot
 from planning.geometry.shapes import Body
 from sequencing.timing.cell.types import Cell
 from sequencing.timing.clearance.arms import ArmShapes, arm_shapes, body_shapes, moving_shapes
-from sequencing.timing.clearance.block_kernels import segment_distances
+from sequencing.timing.clearance.segments import segment_distances
 from sequencing.timing.clearance.swept import joint_travel, reaches
 
 _SHORTEST_S = 2e-4

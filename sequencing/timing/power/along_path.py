@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.jit import njit
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.robot.drive import REST_RAD_S, DriveParams, drive_from_mapping, electrical_power_w
@@ -131,15 +131,13 @@ def path_power(
     """
     n = robot.num_joints
     if trajectory.q_rad.shape[1] != n:
-        raise ProblemError(
-            Fault(
-                "joint-count",
-                "",
-                "trajectory.q_rad",
-                str(trajectory.q_rad.shape[1]),
-                f"{n} joints, as {robot.name} has",
-                "give each robot its own trajectories",
-            )
+        raise ProblemError.of(
+            "joint-count",
+            "",
+            "trajectory.q_rad",
+            str(trajectory.q_rad.shape[1]),
+            f"{n} joints, as {robot.name} has",
+            "give each robot its own trajectories",
         )
     duration = trajectory.duration_s
     cells = max(8, int(np.ceil(duration / cell_s)))
@@ -192,7 +190,7 @@ def _terms(
     data = model.createData()
     zero = np.zeros(robot.num_joints)
     static, inertia, speed = (np.empty_like(q) for _ in range(3))
-    frame = model.getFrameId(robot.flange)
+    frame = robot.flange_id
     for k in range(len(q)):
         gravity = pin.rnea(model, data, q[k], zero, zero)
         inertia[k] = pin.rnea(model, data, q[k], zero, qd[k]) - gravity
@@ -218,7 +216,7 @@ def path_torque_nm(
 def exact_power_w(path: PathPower, override: float) -> np.ndarray:
     """Electrical power of the robot at every sample (P,) [W] at a constant override, per joint.
 
-    The same model as `dmoc.drive.electrical_power_w`, in one pass without temporaries.
+    The same model as `dmoc.robot.drive.electrical_power_w`, in one pass without temporaries.
     """
     out = np.empty(path.num_samples)
     exact_kernel(

@@ -93,25 +93,6 @@ class LinkRun:
     stored_j: np.ndarray
     energy_j: float
 
-    def voltage_v(self, link: LinkParams) -> np.ndarray:
-        """Link voltage at the step ends (K+1,)."""
-        return np.sqrt(2.0 * self.stored_j / link.capacitance_f)
-
-
-@njit
-def clip_kernel(drawn, low, high, start, grid, chopper, stored):
-    """Fill grid, chopper (K,) and stored (K+1,) [J]; returns nothing."""
-    w = start
-    stored[0] = w
-    for k in range(drawn.shape[0]):
-        y = w - drawn[k]
-        g = low - y
-        c = y - high
-        grid[k] = g if g > 0.0 else 0.0
-        chopper[k] = c if c > 0.0 else 0.0
-        w = low if g > 0.0 else (high if c > 0.0 else y)
-        stored[k + 1] = w
-
 
 @njit
 def price_kernel(drawn, low, high, start, factor, price):
@@ -142,20 +123,12 @@ def price_kernel(drawn, low, high, start, factor, price):
 
 
 @njit
-def hysteresis_kernel(
-    drawn,
-    dt,
-    low,
-    on,
-    off,
-    rate,
-    start,
-    grid,
-    chopper,
-    stored,
-):
-    """As `clip_kernel`, with a resistor that is on from `on` down to `off`; rate = 2/(R C)."""
-    w = start
+def hysteresis_kernel(drawn, dt, low, on, off, rate, grid, chopper, stored):
+    """Fill grid, chopper (K,) and stored (K+1,) [J], starting at `low`.
+
+    The resistor is on from `on` down to `off`; rate = 2/(R C).
+    """
+    w = low
     burning = False
     stored[0] = w
     decay = np.exp(-rate * dt)
@@ -206,17 +179,6 @@ def hysteresis_kernel(
         stored[k + 1] = w
 
 
-def simulate_clip(drawn_j: np.ndarray, link: LinkParams) -> LinkRun:
-    """Run the clip model over the energies drawn per step (K,) [J]; starts at W_min."""
-    drawn = np.ascontiguousarray(drawn_j, dtype=float)
-    grid, chopper = np.empty_like(drawn), np.empty_like(drawn)
-    stored = np.empty(drawn.size + 1)
-    clip_kernel(
-        drawn, link.min_energy_j, link.max_energy_j, link.min_energy_j, grid, chopper, stored
-    )
-    return _run(grid, chopper, stored, link)
-
-
 def simulate_hysteresis(drawn_j: np.ndarray, step_s: float, link: LinkParams) -> LinkRun:
     """Run the switched-resistor model, power constant within a step of `step_s` [s].
 
@@ -227,32 +189,10 @@ def simulate_hysteresis(drawn_j: np.ndarray, step_s: float, link: LinkParams) ->
     drawn = np.ascontiguousarray(drawn_j, dtype=float)
     grid, chopper = np.empty_like(drawn), np.empty_like(drawn)
     stored = np.empty(drawn.size + 1)
+    low, on = link.min_energy_j, link.max_energy_j
     off = 0.5 * link.capacitance_f * link.chopper_off_v**2
     rate = 2.0 / (link.chopper_ohm * link.capacitance_f)
-    hysteresis_kernel(
-        drawn,
-        step_s,
-        link.min_energy_j,
-        link.max_energy_j,
-        off,
-        rate,
-        link.min_energy_j,
-        grid,
-        chopper,
-        stored,
-    )
-    return _run(grid, chopper, stored, link)
-
-
-def energy_price(drawn_j: np.ndarray, link: LinkParams) -> tuple[float, np.ndarray]:
-    """J [J] of the clip model and its gradient dJ/d drawn_j (K,), starting at W_min."""
-    drawn = np.ascontiguousarray(drawn_j, dtype=float)
-    price = np.empty_like(drawn)
-    low, high = link.min_energy_j, link.max_energy_j
-    return float(price_kernel(drawn, low, high, low, link.grid_factor, price)), price
-
-
-def _run(grid: np.ndarray, chopper: np.ndarray, stored: np.ndarray, link: LinkParams) -> LinkRun:
+    hysteresis_kernel(drawn, step_s, low, on, off, rate, grid, chopper, stored)
     for array in (grid, chopper, stored):
         array.setflags(write=False)
     credit = stored[-1] - stored[0]

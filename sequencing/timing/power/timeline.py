@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from sequencing.timing.power.along_path import PowerTable
 from sequencing.timing.power.dc_link import LinkParams
 from sequencing.timing.power.timeline_kernels import (
@@ -29,8 +29,7 @@ from sequencing.timing.power.timeline_kernels import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class CellTimeline:
+class CellTimeline(NamedTuple):
     """R robots with their power tables, flattened for the kernels; S trajectories in all.
 
     `coefficients` (5, sum of nodes) concatenates the tables; trajectory s owns nodes
@@ -72,7 +71,7 @@ def make_timeline(
     """Collect the tables of each robot's trajectories, in their order, on `links`."""
     if not robots or any(not tables for tables in robots) or len(link_of) != len(robots):
         legal = "at least one trajectory for each robot, one link index for each robot"
-        raise ProblemError(Fault("timeline", "", "robots", str([len(t) for t in robots]), legal))
+        raise ProblemError.of("timeline", "", "robots", str([len(t) for t in robots]), legal)
     tables = [table for robot in robots for table in robot]
     node = np.concatenate([[0], np.cumsum([t.coefficients.shape[1] for t in tables])])
     return CellTimeline(
@@ -102,19 +101,13 @@ def coarser(line: CellTimeline, times: int) -> CellTimeline:
         columns.append([np.interp(new, old, row) for row in line.coefficients[:, a:b]])
         counts.append(len(new))
     node = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    return replace(
-        line,
+    return line._replace(
         coefficients=np.ascontiguousarray(np.hstack(columns)),
         node=node,
         cell_s=line.duration_s / (np.diff(node) - 1),
         steps=max(1, round(line.steps / times)),
         longest=int(np.diff(node).max()),
     )
-
-
-def _parts(line: CellTimeline) -> tuple:
-    tables = (line.coefficients, line.node, line.cell_s)
-    return tables, (line.duration_s, line.hold_w), line.first, line.link_of
 
 
 def _scratch(line: CellTimeline) -> np.ndarray:
@@ -124,14 +117,8 @@ def _scratch(line: CellTimeline) -> np.ndarray:
 def drawn_j(line: CellTimeline, start_s: np.ndarray, override: np.ndarray) -> np.ndarray:
     """Energy drawn from each link in each step (L, K) [J]."""
     drawn = np.empty((len(line.limits), line.steps))
-    drawn_kernel(
-        *_parts(line),
-        np.ascontiguousarray(start_s, dtype=float),
-        np.ascontiguousarray(override, dtype=float),
-        line.total_s,
-        _scratch(line),
-        drawn,
-    )
+    start, speed = (np.ascontiguousarray(row, dtype=float) for row in (start_s, override))
+    drawn_kernel(line, start, speed, _scratch(line), drawn)
     return drawn
 
 
@@ -147,9 +134,7 @@ def cost_batch(line: CellTimeline, start_s: np.ndarray, override: np.ndarray) ->
     overrides = np.ascontiguousarray(override, dtype=float)
     out = np.empty(len(starts))
     drawn = np.empty((len(line.limits), line.steps))
-    cost_batch_kernel(
-        *_parts(line), line.limits, starts, overrides, line.total_s, _scratch(line), drawn, out
-    )
+    cost_batch_kernel(line, starts, overrides, _scratch(line), drawn, out)
     return out
 
 
@@ -161,9 +146,7 @@ def cost_and_gradient(
     speed = np.ascontiguousarray(override, dtype=float)
     drawn = np.empty((len(line.limits), line.steps))
     price = np.empty_like(drawn)
-    value = cost_kernel(
-        *_parts(line), line.limits, start, speed, line.total_s, _scratch(line), drawn, price
-    )
+    value = cost_kernel(line, start, speed, _scratch(line), drawn, price)
     grad = np.empty((2, line.num_trajectories))
-    gradient_kernel(*_parts(line), start, speed, line.total_s, price, grad)
+    gradient_kernel(line, start, speed, price, grad)
     return float(value), grad[0], grad[1]

@@ -1,6 +1,6 @@
 """Kernels of `timeline`: step energies, their gradient and batches, in numba.
 
-`tables` is (coefficients, node, cell_s), `spans` is (duration_s, hold_w), as in `CellTimeline`.
+`line` is a `CellTimeline`.
 """
 # mypy: disallow-untyped-defs=False
 
@@ -11,10 +11,9 @@ from sequencing.timing.power.dc_link import price_kernel
 
 
 @njit(fastmath=True)
-def drawn_kernel(tables, spans, first, link_of, start, override, total_s, scratch, drawn):
+def drawn_kernel(line, start, override, scratch, drawn):
     """Fill drawn (L, K) [J]; scratch needs as many entries as the longest table has nodes."""
-    coefficients, node, cell_s = tables
-    duration_s, hold_w = spans
+    coefficients, node, cell_s, duration_s, hold_w, first, link_of, _, total_s, _, _ = line
     steps = drawn.shape[1]
     dt = total_s / steps
     drawn[:, :] = 0.0
@@ -71,10 +70,9 @@ def drawn_kernel(tables, spans, first, link_of, start, override, total_s, scratc
 
 
 @njit(fastmath=True)
-def gradient_kernel(tables, spans, first, link_of, start, override, total_s, price, grad):
+def gradient_kernel(line, start, override, price, grad):
     """Fill grad (2, S): dJ/d start and dJ/d override, price (L, K) held fixed."""
-    coefficients, node, cell_s = tables
-    duration_s, hold_w = spans
+    coefficients, node, cell_s, duration_s, hold_w, first, link_of, _, total_s, _, _ = line
     steps = price.shape[1]
     dt = total_s / steps
     grad[:, :] = 0.0
@@ -124,10 +122,9 @@ def gradient_kernel(tables, spans, first, link_of, start, override, total_s, pri
 
 
 @njit
-def cost_kernel(
-    tables, spans, first, link_of, limits, start, override, total_s, scratch, drawn, price
-):
-    drawn_kernel(tables, spans, first, link_of, start, override, total_s, scratch, drawn)
+def cost_kernel(line, start, override, scratch, drawn, price):
+    drawn_kernel(line, start, override, scratch, drawn)
+    limits = line.limits
     total = 0.0
     for m in range(drawn.shape[0]):
         total += price_kernel(
@@ -148,11 +145,10 @@ def value_kernel(drawn, low, high, factor):
 
 
 @njit
-def cost_batch_kernel(
-    tables, spans, first, link_of, limits, start, override, total_s, scratch, drawn, out
-):
+def cost_batch_kernel(line, start, override, scratch, drawn, out):
+    limits = line.limits
     for p in range(start.shape[0]):
-        drawn_kernel(tables, spans, first, link_of, start[p], override[p], total_s, scratch, drawn)
+        drawn_kernel(line, start[p], override[p], scratch, drawn)
         total = 0.0
         for m in range(drawn.shape[0]):
             total += value_kernel(drawn[m], limits[m, 0], limits[m, 1], limits[m, 2])

@@ -44,20 +44,15 @@ _NEAR = 0.35  # starts closer than this in every coordinate are likely to end in
 
 @dataclass(frozen=True, eq=False)
 class TimingResult:
-    """Best allowed point z (2, S), its start_s and override (S,), value [J] and evaluations.
+    """Start_s and override (S,) of the best allowed point, value [J] and evaluations.
 
-    `relaxed_z`, `relaxed_j` are the best found when collisions are ignored (not a proven bound);
-    `source` says which search found the point. `value_j` is inf if no allowed schedule was met.
+    `value_j` is inf if no allowed schedule was met.
     """
 
-    z: np.ndarray
     start_s: np.ndarray
     override: np.ndarray
     value_j: float
-    relaxed_z: np.ndarray
-    relaxed_j: float
     evaluations: int
-    source: str
 
 
 def optimise_timing(
@@ -77,10 +72,10 @@ def optimise_timing(
     fast, stretched = np.zeros((2, size)), np.zeros((2, size))
     stretched[0] = 1.0
     seeds = [fast, stretched, *([] if start is None else list(np.asarray(start, dtype=float)))]
-    search.offer(np.array(seeds), "start")
+    search.offer(np.array(seeds))
     active = np.concatenate([graph.free, graph.free + size])
     if active.size == 0:
-        return search.result(search.z, np.inf)
+        return search.result()
     rng = np.random.default_rng(seed)
     relaxed, relaxed_z = np.inf, search.z
     if params.method in ("auto", "gradient"):
@@ -89,14 +84,14 @@ def optimise_timing(
             found, value = search.descend(z, active, params.gradient_iterations)
             if value < relaxed:
                 relaxed, relaxed_z = value, found
-        search.offer(relaxed_z[None], "gradient")
+        search.offer(relaxed_z[None])
     needs_swarm = params.method == "swarm" or (
         params.method == "auto" and search.value > relaxed + 1e-9 * abs(relaxed)
     )
     if needs_swarm:
         search.swarm(active, int(rng.integers(2**31)), params)
         search.polish(active, params.polish_rounds, rng)
-    return search.result(relaxed_z, relaxed)
+    return search.result()
 
 
 class _Search:
@@ -108,7 +103,6 @@ class _Search:
         self.size = graph.duration_s.size
         self.z = np.zeros((2, self.size))
         self.value = np.inf
-        self.source = "none"
         self.evaluations = 0
 
     def values(self, z: np.ndarray) -> np.ndarray:
@@ -144,11 +138,11 @@ class _Search:
         self.evaluations += len(points)
         return list(points[_apart(x, value, wanted)])
 
-    def offer(self, z: np.ndarray, source: str) -> None:
+    def offer(self, z: np.ndarray) -> None:
         value = self.values(z)
         k = int(np.argmin(value))
         if value[k] < self.value:
-            self.z, self.value, self.source = z[k].copy(), float(value[k]), source
+            self.z, self.value = z[k].copy(), float(value[k])
 
     def descend(self, z: np.ndarray, active: np.ndarray, rounds: int) -> tuple[np.ndarray, float]:
         """L-BFGS-B on the active variables, collisions ignored."""
@@ -199,7 +193,7 @@ class _Search:
         )
         if found.value < self.value:
             self.z = self.expand(found.x[None], active)[0]
-            self.value, self.source = found.value, "swarm"
+            self.value = found.value
 
     def polish(self, active: np.ndarray, rounds: int, rng: np.random.Generator) -> None:
         """Pattern search with random rotations of the axes, steps halved when nothing helps."""
@@ -214,17 +208,14 @@ class _Search:
             moves = np.concatenate([own, axes])
             trial = np.clip(np.concatenate([x + step * moves, x - step * moves]), 0.0, 1.0)
             before = self.value
-            self.offer(self.expand(trial, active), "polish")
+            self.offer(self.expand(trial, active))
             if self.value >= before - 1e-9 * abs(before):
                 step *= 0.5
             else:
                 step = min(0.5, 1.5 * step)
 
-    def result(self, relaxed_z: np.ndarray, relaxed: float) -> TimingResult:
-        start, override = decode(self.graph, self.z)
-        return TimingResult(
-            self.z, start, override, self.value, relaxed_z, relaxed, self.evaluations, self.source
-        )
+    def result(self) -> TimingResult:
+        return TimingResult(*decode(self.graph, self.z), self.value, self.evaluations)
 
 
 def _apart(x: np.ndarray, value: np.ndarray, wanted: int) -> list[int]:

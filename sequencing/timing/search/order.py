@@ -1,6 +1,6 @@
 """Searches of the first level: which trajectories share a window, and in which order jobs run.
 
-Two freedoms, both over an abstract cost (see `first_level` for what a window costs):
+Two freedoms, both over an abstract cost (see `levels` for what a window costs):
 
 * *alignment*: each robot keeps its order; a window advances some robots by one trajectory while
   the others wait. `align` finds the cheapest path through the lattice of counts that needs no more
@@ -17,7 +17,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from sequencing.timing.search.lattice import band, least_times, moves_of, needs_of
 
 Handover = tuple[tuple[int, int], tuple[int, int]]
@@ -65,41 +65,35 @@ def align(
     counts = tuple(len(row) for row in durations_s)
     points = int(np.prod([n + 1 for n in counts], dtype=float))
     if points > MOST_POINTS or len(counts) > _MOST_ROBOTS:
-        raise ProblemError(
-            Fault(
-                "lattice-size",
-                "",
-                "durations_s",
-                f"{points} points, {len(counts)} robots",
-                f"<= {MOST_POINTS} points, <= {_MOST_ROBOTS} robots",
-                "align fewer trajectories at a time",
-            )
+        raise ProblemError.of(
+            "lattice-size",
+            "",
+            "durations_s",
+            f"{points} points, {len(counts)} robots",
+            f"<= {MOST_POINTS} points, <= {_MOST_ROBOTS} robots",
+            "align fewer trajectories at a time",
         )
     need = needs_of(counts, handovers)
     ahead, behind = least_times(durations_s, need)
     least = float(ahead[counts])
     if not np.isfinite(least):
-        raise ProblemError(
-            Fault(
-                "alignment",
-                "",
-                "handovers",
-                "no order keeps them",
-                "hand-overs without circle",
-                "remove one hand-over of the circle",
-            )
+        raise ProblemError.of(
+            "alignment",
+            "",
+            "handovers",
+            "no order keeps them",
+            "hand-overs without circle",
+            "remove one hand-over of the circle",
         )
     limit = np.inf if total_s is None else total_s * (1.0 + 1e-9)
     if least > limit:
-        raise ProblemError(
-            Fault(
-                "alignment-time",
-                "",
-                "total_s",
-                f"{total_s:.6g} s",
-                f">= {least:.6g} s",
-                "windows need more time than that",
-            )
+        raise ProblemError.of(
+            "alignment-time",
+            "",
+            "total_s",
+            f"{total_s:.6g} s",
+            f">= {least:.6g} s",
+            "windows need more time than that",
         )
     moves, whole = moves_of(durations_s, need, ahead, behind, limit)
     chosen, proven = band(moves, counts, most_windows)
@@ -137,8 +131,8 @@ def _cheapest(
             proven = proven and len(kept) <= _MOST_LABELS
             labels[after] = kept[:_MOST_LABELS]
     if not labels.get(counts):
-        raise ProblemError(
-            Fault("alignment", "", "cost", "every alignment is forbidden", "an allowed one")
+        raise ProblemError.of(
+            "alignment", "", "cost", "every alignment is forbidden", "an allowed one"
         )
     best = min(range(len(labels[counts])), key=lambda k: labels[counts][k][1])
     duration, total, state_before, index = labels[counts][best]
@@ -176,10 +170,8 @@ def order_exact(jobs: Sequence[int], cost: Callable[[Orders], float]) -> tuple[O
     """
     total = count_orders(jobs)
     if total > MOST_ORDERS:
-        raise ProblemError(
-            Fault(
-                "orders", "", "jobs", f"{total:.0f} orders", f"<= {MOST_ORDERS}", "use order_search"
-            )
+        raise ProblemError.of(
+            "orders", "", "jobs", f"{total:.0f} orders", f"<= {MOST_ORDERS}", "use order_search"
         )
     best: Orders = tuple(tuple(range(n)) for n in jobs)
     value = cost(best)

@@ -9,11 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from planning.collision.kernels.layout import Solids
+from planning.collision.packed import pack_solids
 from sequencing.timing.cell.types import Cell
 from sequencing.timing.clearance.arms import ArmShapes, arm_shapes, joint_frames
-from sequencing.timing.clearance.capsule_map import CELLS, CoordinationMap, coordination_map
+from sequencing.timing.clearance.coordination_map import (
+    CELLS,
+    CoordinationMap,
+    ExactPair,
+    coordination_map,
+    solid_poses,
+)
 from sequencing.timing.clearance.crossing import Crossings, PairMaps
-from sequencing.timing.clearance.exact_map import ExactPair, pack_pair, solid_poses
 from sequencing.timing.clearance.swept import SweptPath, swept_path
 from sequencing.timing.power.along_path import (
     PathPower,
@@ -66,8 +72,7 @@ class PreparedCell:
 
         Each robot runs its trajectories by their starts, whatever their numbers.
         """
-        start_s, override, paths = self._by_start(start_s, override)
-        exact = tuple(exact_table(p, float(d)) for p, d in zip(paths, override))
+        start_s, override, exact = self.exact_tables(start_s, override)
         line = self._timeline(exact, total_s, step_s)
         drawn = drawn_j(line, start_s, override)
         runs = [
@@ -91,35 +96,16 @@ class PreparedCell:
         """Constant consumption on the grid side: the cell's own and the robots' cabinets."""
         return self.cell.base_load_w + sum(drive_of(r.robot).base_power_w for r in self.cell.robots)
 
-    def robot_power_w(
-        self, start_s: np.ndarray, override: np.ndarray, total_s: float, step_s: float = 0.004
-    ) -> np.ndarray:
-        """Power of each robot on its link (R, K) [W]."""
-        start_s, override, paths = self._by_start(start_s, override)
-        exact = tuple(exact_table(p, float(d)) for p, d in zip(paths, override))
-        first = self.cell.first
-        tables = [list(exact[a:b]) for a, b in itertools.pairwise(first)]
-        count = len(tables)
-        links = [self.cell.links[m] for m in self.cell.link_of]
-        line = make_timeline(tables, total_s, links, range(count), step_s)
-        return drawn_j(line, start_s, override) / line.step_s
-
-    def _by_start(
+    def exact_tables(
         self, start_s: np.ndarray, override: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, list[PathPower]]:
-        """Starts, overrides and paths (S,), each robot's in the order in which they begin."""
-        start = np.asarray(start_s, dtype=float)
-        order = np.concatenate(
-            [
-                a + np.argsort(start[a:b], kind="stable")
-                for a, b in itertools.pairwise(self.cell.first)
-            ]
-        )
-        return (
-            start[order],
-            np.asarray(override, dtype=float)[order],
-            [self.paths[k] for k in order],
-        )
+    ) -> tuple[np.ndarray, np.ndarray, list[PowerTable]]:
+        """Starts, overrides and exact tables (S,), each robot's in the order of starts."""
+        start, first = np.asarray(start_s, dtype=float), self.cell.first
+        spans = itertools.pairwise(first)
+        order = np.concatenate([a + np.argsort(start[a:b], kind="stable") for a, b in spans])
+        speed = np.asarray(override, dtype=float)[order]
+        tables = [exact_table(self.paths[k], float(d)) for k, d in zip(order, speed)]
+        return start[order], speed, tables
 
     def _timeline(
         self, tables: Sequence[PowerTable], total_s: float, step_s: float
@@ -247,16 +233,16 @@ class Geometry:
     def _exact(self, a: int, b: int) -> ExactPair:
         key = self.cell.owner(a)[0], self.cell.owner(b)[0]
         if key not in self._solids:
-            self._solids[key] = pack_pair(self.shapes[key[0]].pieces, self.shapes[key[1]].pieces)
+            first, second = (self.shapes[r].pieces for r in key)
+            self._solids[key] = pack_solids([*first, *second])
         return ExactPair(self._solids[key], self._posed(a), self._posed(b))
 
     def _posed(self, number: int) -> np.ndarray:
         if number not in self._poses:
             r, k = self.cell.owner(number)
             item = self.cell.robots[r]
-            bare = item.trajectories[k]
+            bare = item.trajectories[k].on(None)
             t = np.linspace(0.0, bare.duration_s, 2 * CELLS + 1) + bare.t_s[0]
-            q = type(bare)(bare.t_s, bare.q_rad, bare.velocity_rad_s, bare.torque_nm).sample(t)
-            frames = joint_frames(item.robot, q.q_rad)
+            frames = joint_frames(item.robot, bare.sample(t).q_rad)
             self._poses[number] = solid_poses(self.shapes[r], *frames)
         return self._poses[number]

@@ -18,18 +18,17 @@ delay limit (Eq. 8) is the same set written in delta, with the division it is mi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.jit import njit
-from sequencing.timing.cell.types import in_order, predecessors
+from sequencing.timing.cell.types import predecessors, waiting_order
 from sequencing.timing.power.along_path import MIN_OVERRIDE
 
 
-@dataclass(frozen=True, eq=False)
-class SlackGraph:
+class SlackGraph(NamedTuple):
     """S trajectories with precedence; see `slack_graph`.
 
     `order` is topological; the predecessors of k are `pred[pred_at[k]:pred_at[k+1]]`, and
@@ -74,7 +73,7 @@ def slack_graph(
     pause = np.zeros(size)
     if pause_s is not None:
         pause[:] = [t for robot in pause_s for t in robot]
-    order = in_order(preds)
+    order = waiting_order(preds)
     held = fixed or {}
     end = np.zeros(size)
     for k in order:
@@ -83,15 +82,13 @@ def slack_graph(
     needed = float((end + pause).max(initial=0.0))
     total = needed if total_s is None else float(total_s)
     if total < needed - 1e-9:
-        raise ProblemError(
-            Fault(
-                "total-time",
-                "",
-                "total_s",
-                f"{total:.6g} s",
-                f">= {needed:.6g} s",
-                "allow the time that the trajectories need at full speed",
-            )
+        raise ProblemError.of(
+            "total-time",
+            "",
+            "total_s",
+            f"{total:.6g} s",
+            f">= {needed:.6g} s",
+            "allow the time that the trajectories need at full speed",
         )
     latest = max(total, needed) - pause
     for k in order[::-1]:
@@ -122,40 +119,30 @@ _STRETCH = 1.0 / MIN_OVERRIDE - 1.0
 
 
 @njit
-def decode_kernel(
-    duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, z, out
-):
-    """z (2, S) in [0, 1] to out (2, S): start [s] and override."""
-    for k in order:
-        if fixed[k]:
-            out[0, k] = fix_start[k]
-            out[1, k] = duration[k] / fix_length[k]
-            continue
-        early = 0.0
-        for m in range(pred_at[k], pred_at[k + 1]):
-            p = pred[m]
-            early = max(early, out[0, p] + duration[p] / out[1, p] + lag[m])
-        slack = max(0.0, latest[k] - early - duration[k])
-        longer = z[0, k] * min(slack, _STRETCH * duration[k])
-        out[0, k] = early + z[1, k] * (slack - longer)
-        out[1, k] = duration[k] / (duration[k] + longer)
+def decode_kernel(graph, points, outs):
+    """Points (P, 2, S) in [0, 1] to outs (P, 2, S): start [s] and override."""
+    duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, _ = graph
+    for i in range(points.shape[0]):
+        z, out = points[i], outs[i]
+        for k in order:
+            if fixed[k]:
+                out[0, k] = fix_start[k]
+                out[1, k] = duration[k] / fix_length[k]
+                continue
+            early = 0.0
+            for m in range(pred_at[k], pred_at[k + 1]):
+                p = pred[m]
+                early = max(early, out[0, p] + duration[p] / out[1, p] + lag[m])
+            slack = max(0.0, latest[k] - early - duration[k])
+            longer = z[0, k] * min(slack, _STRETCH * duration[k])
+            out[0, k] = early + z[1, k] * (slack - longer)
+            out[1, k] = duration[k] / (duration[k] + longer)
 
 
 @njit
-def decode_many_kernel(
-    duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, z, out
-):
-    for i in range(z.shape[0]):
-        decode_kernel(
-            duration, order, pred_at, pred, lag, latest, fixed, fix_start, fix_length, z[i], out[i]
-        )
-
-
-@njit
-def pull_back_kernel(
-    duration, order, pred_at, pred, lag, latest, fixed, z, timing, by_timing, grad
-):
+def pull_back_kernel(graph, z, timing, by_timing, grad):
     """Chain rule from (dJ/d start, dJ/d override) to dJ/dz, both (2, S)."""
+    duration, order, pred_at, pred, lag, latest, fixed, _, _, _ = graph
     by_end = np.zeros(duration.shape[0])
     for index in range(order.shape[0] - 1, -1, -1):
         k = order[index]
@@ -198,19 +185,7 @@ def decode_batch(graph: SlackGraph, z: np.ndarray) -> np.ndarray:
     """(P, 2, S) starts and overrides of P points z (P, 2, S)."""
     points = np.ascontiguousarray(z, dtype=float)
     out = np.empty_like(points)
-    decode_many_kernel(
-        graph.duration_s,
-        graph.order,
-        graph.pred_at,
-        graph.pred,
-        graph.lag_s,
-        graph.latest_s,
-        graph.fixed,
-        graph.fixed_start_s,
-        graph.fixed_length_s,
-        points,
-        out,
-    )
+    decode_kernel(graph, points, out)
     return out
 
 
@@ -219,19 +194,7 @@ def pull_back(
 ) -> np.ndarray:
     """dJ/dz (2, S) from dJ/d(start, override) (2, S) at `timing` = decode(z)."""
     grad = np.empty_like(timing)
-    pull_back_kernel(
-        graph.duration_s,
-        graph.order,
-        graph.pred_at,
-        graph.pred,
-        graph.lag_s,
-        graph.latest_s,
-        graph.fixed,
-        z,
-        timing,
-        by_timing,
-        grad,
-    )
+    pull_back_kernel(graph, z, timing, by_timing, grad)
     return grad
 
 

@@ -268,13 +268,7 @@ def window_graph(durations_s: Sequence[float], standing: int, length_s: float) -
 
 
 def _without_standing(found: TimingResult, moving: int) -> TimingResult:
-    return replace(
-        found,
-        z=found.z[:, :moving],
-        start_s=found.start_s[:moving],
-        override=found.override[:moving],
-        relaxed_z=found.relaxed_z[:, :moving],
-    )
+    return replace(found, start_s=found.start_s[:moving], override=found.override[:moving])
 
 
 _THAWS = 12  # rounds of optimising, putting back and freezing
@@ -294,27 +288,19 @@ def general_timing(
     rest is optimised again, until what remains is an allowed schedule. Where that froze something
     and the cell is small, the swarm then looks for a way round the collisions.
     """
-    found = _thawed(prepared, start, seed, geometry, others)
+    found, frozen = _thawed(prepared, start, seed, geometry, others)
     size = prepared.cell.first[-1]
-    if geometry is None or not found.frozen or 2 * size > _SWARM_VARIABLES:
-        return found.timing
+    if geometry is None or not frozen or 2 * size > _SWARM_VARIABLES:
+        return found
     graph = whole_graph(prepared, start.total_s)
     line, crossings = prepared.timeline(start.total_s), geometry.crossings(start.total_s)
-    begin = [encode(graph, t.start_s, t.override) for t in (found.timing, start)]
+    begin = [encode(graph, t.start_s, t.override) for t in (found, start)]
     params = replace(DEFAULT_SEARCH, method="swarm", swarm=SwarmParams(particles=24, iterations=60))
     around = optimise_timing(line, graph, seed, crossings.free, params, np.array(begin))
-    spent = found.timing.evaluations + around.evaluations
+    spent = found.evaluations + around.evaluations
     if not np.isfinite(around.value_j):
-        return replace(found.timing, evaluations=spent)
+        return replace(found, evaluations=spent)
     return Timing(around.start_s, around.override, start.total_s, spent)
-
-
-@dataclass(frozen=True, eq=False)
-class _Thawed:
-    """An allowed schedule and how many trajectories it had to hold in place."""
-
-    timing: Timing
-    frozen: int
 
 
 def _thawed(
@@ -323,8 +309,9 @@ def _thawed(
     seed: int,
     geometry: Geometry | None,
     others: Sequence[Timing],
-) -> _Thawed:
-    """Gradient descent with freezing, see `general_timing`."""
+) -> tuple[Timing, int]:
+    """Gradient descent with freezing, see `general_timing`: an allowed schedule and how many
+    trajectories it had to hold in place."""
     first = SearchParams(method="gradient", gradient_starts=6, gradient_iterations=150)
     later = replace(first, gradient_starts=1)
     line = prepared.timeline(start.total_s)
@@ -347,7 +334,7 @@ def _thawed(
             crossings = geometry.crossings(start.total_s)
             meeting = crossings.collisions(best.start_s, best.override)
         if not meeting:
-            return _Thawed(best, len(frozen))
+            return best, len(frozen)
         grown = {k for pair in meeting for k in pair}
         if grown <= set(frozen):
             # They stand where they did, so somebody left earlier or later: hold the neighbours too.
@@ -356,4 +343,4 @@ def _thawed(
             break
         for k in grown:
             frozen[k] = (float(start.start_s[k]), float(flat[k] / start.override[k]))
-    return _Thawed(replace(start, evaluations=spent), len(frozen))
+    return replace(start, evaluations=spent), len(frozen)

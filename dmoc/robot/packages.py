@@ -1,0 +1,132 @@
+"""Where the files of a ROS package lie, and xacro files expanded to URDF."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from dmoc.errors import DmocError, Fault, RobotError
+from dmoc.input_file import confined
+from dmoc.robot.xml_file import read_xml
+
+
+class Packages:
+    """Finds packages around a robot file, in `folders`, and where the ROS environment points.
+
+    Looked at, in this order: `folders` (a package, or a folder of packages); every folder above
+    the file (the package itself, or a sibling of it); `ROS_PACKAGE_PATH`; `AMENT_PREFIX_PATH`.
+    """
+
+    def __init__(self, urdf: Path, folders: Sequence[str | Path] = ()) -> None:
+        self.folder = urdf.resolve().parent
+        self.folders = [Path(folder).resolve() for folder in folders]
+
+    def _places(self) -> Iterator[Path]:
+        yield from self.folders
+        yield from (self.folder, *self.folder.parents)
+        for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep):
+            if entry:
+                yield Path(entry)
+        for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+            if entry:
+                yield Path(entry) / "share"
+
+    def find(self, name: str) -> Path | None:
+        """The package's folder: so called, or with a package.xml that says so."""
+        if not name or "/" in name or name.startswith("."):
+            return None
+        for place in self._places():
+            if place.name == name and place.is_dir():
+                return place
+            if (place / name).is_dir():
+                return place / name
+            if _name_of(place) == name:
+                return place
+        return None
+
+    @property
+    def own(self) -> Path:
+        """The package that the file belongs to (its folder, if it belongs to none)."""
+        inside = (self.folder, *self.folder.parents)
+        return next((p for p in inside if (p / "package.xml").is_file()), self.folder)
+
+    def mesh(self, name: str, file: str, field: str) -> Path:
+        """The file that a mesh name means; it may lie in its package or the file's only.
+
+        Errors: `DmocError` (path-outside, package-missing).
+        """
+        if not name.startswith(("package://", "model://")):
+            plain = name.removeprefix("file://")
+            try:
+                return confined(plain, self.folder, file, field)
+            except DmocError:
+                inside = os.path.relpath(self.folder / plain, self.own)
+                return confined(inside, self.own, file, field)
+        inner = name.split("://", 1)[1]
+        package, _, rest = inner.partition("/")
+        for beside in (inner, rest):  # as `dmoc init` copies them: beside the file
+            if beside and (self.folder / beside).is_file():
+                return confined(beside, self.folder, file, field)
+        found = self.find(package)
+        if found is None and rest and (self.own.parent / rest).is_file():
+            found = self.own.parent  # a lone folder urdf/ with its sibling meshes/
+        if found is None and rest and (self.folder.parent / rest).is_file():
+            found = self.folder.parent
+        if found is None:
+            raise RobotError(
+                Fault(
+                    "package-missing",
+                    file,
+                    field,
+                    package,
+                    "a package beside the file or in ROS_PACKAGE_PATH, AMENT_PREFIX_PATH",
+                    "say where the package lies: --package-path FOLDER",
+                )
+            )
+        return confined(rest, found, file, field)
+
+
+def _name_of(folder: Path) -> str:
+    """What the package.xml of a folder calls the package, or nothing."""
+    if not (folder / "package.xml").is_file():
+        return ""
+    try:
+        element = read_xml(folder / "package.xml").first("name")
+    except DmocError:
+        return ""
+    return "" if element is None else element.text.strip()
+
+
+def expanded(path: Path, packages: Packages) -> str:
+    """The URDF text of a xacro file; `RobotError` for what goes wrong in it."""
+    import xacro
+    from xacro import substitution_args
+
+    def find(name: str) -> str:
+        found = packages.find(name)
+        if found is None:
+            raise LookupError(f"no package {name}")
+        return str(found)
+
+    kept = substitution_args._eval_find
+    substitution_args._eval_find = substitution_args._eval_dict["find"] = find
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):
+            return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
+    # A xacro file is a programme: what goes wrong in it is an error of any kind.
+    except Exception as error:
+        text = " ".join(str(error).split())[:200]
+        raise RobotError(
+            Fault(
+                "urdf-xacro",
+                str(path),
+                value=f"{type(error).__name__}: {text}",
+                legal="a xacro file that expands without arguments",
+                fix="mend it, or say where its packages lie: --package-path FOLDER",
+            )
+        ) from error
+    finally:
+        substitution_args._eval_find = substitution_args._eval_dict["find"] = kept
