@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -55,7 +56,7 @@ def build_station(path: Path, robot_file: Path | None = None) -> Station:
     robot = sections.robot()
     tool = sections.tool()
     obstacles = sections.obstacles()
-    studs = sections.studs()
+    studs = sections.studs({body.name: body.pose for body in obstacles})
     if entry is None or robot is None or tool is None or faults:
         raise InputError(faults)
     bodies, inertial = tool
@@ -136,7 +137,7 @@ class _Sections(InputFaults):
     def _obstacle(self, entry: ObstacleEntry, field: FieldPath) -> Body | None:
         return self.attempt(field, lambda: build_obstacle(entry, self.folder, self.refuse(field)))
 
-    def studs(self) -> tuple[Stud, ...]:
+    def studs(self, frames: Mapping[str, Array]) -> tuple[Stud, ...]:
         name = self.tree.data.get("studs")
         if not isinstance(name, str):
             return ()
@@ -146,7 +147,7 @@ class _Sections(InputFaults):
         if file is None:
             return ()
         departure = self._departure()
-        return self.attempt(("studs",), lambda: read_studs(file, departure)) or ()
+        return self.attempt(("studs",), lambda: read_studs(file, departure, frames)) or ()
 
     def srdf(
         self, entry: StationFile, known: set[str], links: set[str]
@@ -190,17 +191,7 @@ def _placed(stud: Stud, obstacles: Sequence[Body], sections: _Sections) -> Stud:
         distance = [body_distance_m(body, stud.position_m) for body in obstacles]
         nearest = int(np.argmin(distance))
         on = names[nearest] if distance[nearest] < ON_PART_M else ""
-    return Stud(
-        stud.id,
-        stud.position_m,
-        stud.normal,
-        stud.weld_time_s,
-        stud.group,
-        stud.depart_direction,
-        stud.depart_m,
-        stud.spin_free,
-        on,
-    )
+    return replace(stud, on=on)
 
 
 def _home(entry: StationFile, robot: Robot, sections: _Sections) -> Array | None:
