@@ -10,9 +10,10 @@ CONSTRAINTS := constraints.txt
 BUILT := $(patsubst notebooks/%.py,notebooks/_built/%.ipynb,$(wildcard notebooks/*.py))
 NBMAKE := $(BIN)/python -m pytest --nbmake --nbmake-timeout=1800 -p no:xdist --durations=0
 
-.PHONY: demo test test-slow setup lint types contracts notebooks notebooks-check bench study docs clean lock
+.PHONY: demo test test-slow setup lint types contracts python-next notebooks notebooks-check bench study docs clean lock
 
 $(BIN)/python:
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v <= (3, 14) else "dmoc runs on Python 3.11 to 3.14, and $(PYTHON) is %d.%d: name another one with make PYTHON=python3.12" % v)'
 	$(PYTHON) -m venv $(VENV)
 
 $(STAMP_RUN): pyproject.toml $(CONSTRAINTS) | $(BIN)/python
@@ -45,6 +46,10 @@ types: $(STAMP_TEST)
 
 contracts: $(STAMP_TEST)
 	$(BIN)/lint-imports
+
+# Whether the dependencies have wheels for the newest Python that is let in (asks PyPI).
+python-next: $(STAMP_TEST)
+	$(BIN)/python -m pytest -m slow tests/test_python_versions.py
 
 test-slow: $(STAMP_TEST)
 	$(BIN)/python -m pytest -n 2 -m slow

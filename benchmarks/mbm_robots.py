@@ -8,12 +8,12 @@ convex stand-in of our own for the FT 300 sensor and Robotiq 85 gripper at the U
 from __future__ import annotations
 
 import shutil
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from published_robots import drop, source_folder
 
 from dmoc.robot.robot import Robot, Tool, load_robot
 from planning.geometry.shapes import Body, Shape, pose_matrix
@@ -24,43 +24,30 @@ FINGER_OPEN_M = 0.04
 ARMATURE = {"panda": 0.1, "ur5": 0.1}
 
 
-def _source() -> Path:
-    for folder in map(Path, sys.path):
-        found = folder / "cmeel.prefix" / "share" / "example-robot-data" / "robots"
-        if found.is_dir():
-            return found
-    raise FileNotFoundError("example-robot-data is not installed: pip install 'dmoc[bench]'")
-
-
 def srdf_of(robot: Robot) -> Path:
     """The SRDF that example-robot-data has for one of these robots."""
     files = {"panda": "panda_description/srdf/panda.srdf", "ur5": "ur_description/srdf/ur5.srdf"}
-    return _source() / files[robot.name]
+    return source_folder() / files[robot.name]
 
 
 def _rewrite(urdf: Path, out: Path, name: str) -> ET.ElementTree:
     tree = ET.parse(urdf)
     root = tree.getroot()
     root.set("name", name)
-    for tag in ("transmission", "gazebo", "material"):
-        for element in root.findall(tag):
-            root.remove(element)
+    drop(root, "transmission", "gazebo", "material")
     (out / "meshes").mkdir(parents=True, exist_ok=True)
     for link in root.findall("link"):
-        for visual in link.findall("visual"):
-            link.remove(visual)
+        drop(link, "visual")
         inertial = link.find("inertial")
         if inertial is not None and float(inertial.find("mass").get("value")) == 0.0:
             link.remove(inertial)
         for mesh in link.iter("mesh"):
             relative = mesh.get("filename").split("example-robot-data/robots/")[1]
             target = out / "meshes" / f"{name}_{Path(relative).name}"
-            shutil.copyfile(_source() / relative, target)
+            shutil.copyfile(source_folder() / relative, target)
             mesh.set("filename", f"meshes/{target.name}")
     for joint in root.findall("joint"):
-        for tag in ("mimic", "safety_controller", "calibration", "dynamics"):
-            for element in joint.findall(tag):
-                joint.remove(element)
+        drop(joint, "mimic", "safety_controller", "calibration", "dynamics")
     return tree
 
 
@@ -77,7 +64,7 @@ def _write(tree: ET.ElementTree, out: Path, name: str, flange: str, joints: int)
 
 def panda(out: Path) -> Robot:
     """The Panda with its hand, fingers locked open; base at the origin."""
-    tree = _rewrite(_source() / "panda_description/urdf/panda.urdf", out / "panda", "panda")
+    tree = _rewrite(source_folder() / "panda_description/urdf/panda.urdf", out / "panda", "panda")
     for joint in tree.getroot().findall("joint"):
         if "finger" in joint.get("name"):
             joint.set("type", "fixed")
@@ -92,7 +79,7 @@ def panda(out: Path) -> Robot:
 
 def ur5(out: Path) -> Robot:
     """The UR5 as the problems mount it: base at (0, 0, 0.9144) m, turned by 1.57 rad."""
-    tree = _rewrite(_source() / "ur_description/urdf/ur5_robot.urdf", out / "ur5", "ur5")
+    tree = _rewrite(source_folder() / "ur_description/urdf/ur5_robot.urdf", out / "ur5", "ur5")
     for joint in tree.getroot().findall("joint"):
         limit = joint.find("limit")
         if limit is not None:

@@ -20,6 +20,7 @@ import json
 import os
 import platform
 import sys
+import tempfile
 import time
 from collections import Counter
 from importlib import metadata
@@ -30,6 +31,7 @@ os.environ.setdefault("DMOC_BACKEND", "c")
 
 import numpy as np
 from ocp_peers import Crocoddyl, Drake, Rockit, Toppra
+from published_robots import FILES, published_robot
 
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import MotionProblem
@@ -41,9 +43,17 @@ from dmoc.solving.solver import solve
 from dmoc.solving.solvers import DEFAULT_PARAMS, SolveParams
 
 RESULTS = Path(__file__).parent / "results"
+PUBLISHED = ("ur10", "panda", "z1")
 REPEATS = 3
 OWN = SolveParams(solver="structured")
 FINER = "dmoc, fixed time, N = 80"
+
+
+def robot_named(name: str) -> Robot:
+    """One of the package, or as example-robot-data publishes it: without rotor inertia."""
+    if name not in FILES:
+        return load_robot(name)
+    return published_robot(name, Path(tempfile.gettempdir()) / "dmoc-published-robots")
 
 
 def draw_pairs(robot: Robot, count: int, seed: int, span: float = 2.0) -> list[tuple]:
@@ -67,7 +77,7 @@ def timed(problem: MotionProblem, params: SolveParams = DEFAULT_PARAMS) -> tuple
 
 
 def compare(name: str, count: int, peers: list) -> dict:
-    robot = load_robot(name)
+    robot = robot_named(name)
     free = robot.with_limits(acceleration_limit_rad_s2=1e3)
     pairs = draw_pairs(robot, count, seed=7)
     cost = Cost()
@@ -161,7 +171,7 @@ def summary(results: list, robot: Robot, cost: Cost, problems: list) -> dict:
 
 
 def reliability(name: str, count: int, params: SolveParams) -> dict:
-    robot = load_robot(name)
+    robot = robot_named(name)
     statuses, cpu, iterations, defects = Counter(), [], [], []
     for pair in draw_pairs(robot, count, seed=1000):
         start = time.process_time()
@@ -195,12 +205,12 @@ def installed(kinds: list) -> tuple[list, list]:
 def first_result_seconds(name: str) -> float:
     """Wall clock of a fresh process with an empty cache, import to the first motion."""
     import subprocess
-    import tempfile
 
+    robot = robot_named(name).urdf if name in FILES else name
     code = (
         "import time; t=time.perf_counter(); import dmoc, numpy as np\n"
-        f"r=dmoc.load_robot('{name}'); z=np.zeros(r.num_joints); z[1]=-0.5\n"
-        "m=dmoc.solve(dmoc.MotionProblem(r, z, z+0.6)); assert m.status.ok\n"
+        f"r=dmoc.load_robot('{robot}'); z=(r.q_lower_rad+r.q_upper_rad)/2\n"
+        "m=dmoc.solve(dmoc.MotionProblem(r, z-0.3, z+0.3)); assert m.status.ok\n"
         "print(time.perf_counter()-t)"
     )
     with tempfile.TemporaryDirectory() as folder:
@@ -242,7 +252,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=int, default=20)
     parser.add_argument("--reliability", type=int, default=0)
-    parser.add_argument("--robots", nargs="+", default=["ur10e_class", "irb6640_class"])
+    parser.add_argument("--robots", nargs="+", default=["ur10e_class", "irb6640_class", *PUBLISHED])
     parser.add_argument("--reliability-robots", nargs="+", default=None)
     parser.add_argument("--peers", nargs="+", default=["rockit", "crocoddyl", "toppra", "drake"])
     parser.add_argument("--reliability-solver", default="ipopt", choices=["ipopt", "structured"])

@@ -1,8 +1,13 @@
 """Electrical energy of a UR3e on moves that were not fitted to, against measured DC power.
 
 Five measured moves (RAD data set, DSN 2022, 25 Hz), each predicted by a model fitted to the other
-four. Three predictors:
+four. Predictors:
 
+* `drive`: the product's drive model and inverse dynamics, from motion and payload alone; every
+  parameter fitted to the other four moves by `fit_drive`;
+* `robot.yaml`: the same with the shipped values, which are `fit_drive` of all five moves, rounded
+  to two digits (three for R): not held out;
+* `robot.yaml, R of a UR5e`: the same with the copper loss that was shipped before;
 * `currents`: P = P_0 + sum_g (n k_t)_g i qd + R_g i^2, seven parameters, measured currents;
 * `motion`: q(t) and payload only. P = P_0 + tau qd + a sum w|qd| + b sum w qd^2 + c sum tau^2/w,
   tau by inverse dynamics with the arm's published kinematics and masses. Friction is taken
@@ -20,40 +25,22 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 from scipy.optimize import nnls
 
 from benchmarks.timing_common import data_folder, save_table
+from dmoc.motion.trajectory import inverse_dynamics
+from dmoc.robot.drive import DriveParams, drive_from_mapping, electrical_power_w
+from dmoc.robot.robot import Tool, load_robot
 
-__all__ = ["Move", "leave_one_out", "read_moves", "ur3e_model"]
-
-# Universal Robots: DH parameters for calculations of kinematics and dynamics, and the data sheet.
-D_M = (0.15185, 0.0, 0.0, 0.13105, 0.08535, 0.0921)
-A_M = (0.0, -0.24355, -0.2132, 0.0, 0.0, 0.0)
-ALPHA = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
-MASS_KG = (1.98, 3.4445, 1.437, 0.871, 0.805, 0.261)
-COM_M = (
-    (0, -0.02, 0),
-    (0.13, 0, 0.1157),
-    (0.05, 0, 0.0238),
-    (0, 0, 0.01),
-    (0, 0, 0.01),
-    (0, 0, -0.02),
-)
-INERTIA_KG_M2 = (  # about the centre of mass; assumed, slender bodies of these masses
-    (0.0081, 0.0076, 0.0081),
-    (0.0069, 0.0334, 0.0311),
-    (0.0017, 0.0070, 0.0072),
-    (0.0008, 0.0007, 0.0007),
-    (0.0006, 0.0006, 0.0005),
-    (0.0001, 0.0001, 0.0002),
-)
 RATED_NM = np.array([56.0, 56.0, 28.0, 12.0, 12.0, 12.0])
 GROUPS = ((0, 1), (2,), (3, 4, 5))
+"""Joints with the same motor: sizes 2, 1 and 0."""
+MOVING_RAD_S = 0.02
+UR5E_COPPER_OHM = 1.53
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,35 +94,62 @@ def read_moves(folder: Path) -> list[Move]:
     return moves
 
 
-def ur3e_model(payload_kg: float, com_m: np.ndarray) -> pin.Model:
-    """The arm from its published DH table and masses, with a point payload in the tool frame."""
-    model = pin.Model()
-    joint, placement = 0, pin.SE3.Identity()
-    for k in range(6):
-        joint = model.addJoint(joint, pin.JointModelRZ(), placement, f"joint_{k + 1}")
-        link = pin.SE3(pin.utils.rotate("x", ALPHA[k]), np.array([A_M[k], 0.0, D_M[k]]))
-        inertia = pin.Inertia(
-            MASS_KG[k], np.array(COM_M[k], dtype=float), np.diag(INERTIA_KG_M2[k])
-        )
-        model.appendBodyToJoint(joint, inertia, link)
-        placement = link
-    point = pin.Inertia(payload_kg, np.asarray(com_m, dtype=float), np.zeros((3, 3)))
-    model.appendBodyToJoint(joint, point, placement)
-    return model
-
-
-def torque_nm(move: Move) -> np.ndarray:
-    """Joint torques (K, 6) of the measured motion, by inverse dynamics."""
-    model = ur3e_model(move.payload_kg, move.payload_com_m)
-    data = model.createData()
+def state(move: Move) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Speeds, accelerations and joint torques (K, 6) of the measured motion."""
+    robot = load_robot("ur3e_class").with_tool(Tool(move.payload_kg, move.payload_com_m))
     acceleration = np.gradient(move.velocity_rad_s, move.t_s, axis=0)
-    rows = zip(move.q_rad, move.velocity_rad_s, acceleration)
-    return np.array([pin.rnea(model, data, *row) for row in rows])
+    torque = inverse_dynamics(robot.model, move.q_rad, move.velocity_rad_s, acceleration)
+    return move.velocity_rad_s, acceleration, torque
+
+
+def shipped_drive() -> DriveParams:
+    robot = load_robot("ur3e_class")
+    return drive_from_mapping(robot.drive, 6, robot.provenance)
+
+
+def fit_drive(moves: list[Move]) -> DriveParams:
+    """Base load, n k_t and R from measured power and currents; friction from what torque leaves.
+
+    P = P_0 + sum_g (n k_t)_g i qd + R_g i^2 by non-negative least squares, one value a motor size.
+    Then (n k_t) i - tau = f_c sgn qd + f_v qd over samples faster than `MOVING_RAD_S`, alike.
+    """
+    weights, _ = nnls(
+        np.vstack([current_features(m)[0] for m in moves]),
+        np.concatenate([m.power_w for m in moves]),
+    )
+    gear_constant, ohm, coulomb, viscous = np.zeros((4, 6))
+    for g, joints in enumerate(GROUPS):
+        gear_constant[list(joints)], ohm[list(joints)] = weights[1 + g], weights[4 + g]
+        columns, left = [], []
+        for move in moves:
+            speed, _, torque = (x[:, list(joints)] for x in state(move))
+            moving = np.abs(speed) > MOVING_RAD_S
+            columns.append(np.stack([np.sign(speed[moving]), speed[moving]], axis=1))
+            left.append((weights[1 + g] * move.current_a[:, list(joints)] - torque)[moving])
+        (coulomb[list(joints)], viscous[list(joints)]), _ = nnls(
+            np.vstack(columns), np.concatenate(left)
+        )
+    base = shipped_drive()
+    return replace(
+        base,
+        torque_constant_nm_a=gear_constant / base.gear_ratio,
+        copper_ohm=ohm,
+        coulomb_nm=coulomb,
+        viscous_nm_s=viscous,
+        base_power_w=float(weights[0]),
+    )
+
+
+def drive_power_w(move: Move, drive: DriveParams) -> np.ndarray:
+    """DC power (K,) that the drive model predicts from the motion."""
+    speed, acceleration, torque = state(move)
+    power = electrical_power_w(speed, acceleration, torque, drive).sum(axis=1)
+    return np.asarray(power + drive.base_power_w)
 
 
 def motion_features(move: Move) -> tuple[np.ndarray, np.ndarray]:
     """Columns (K, 4) to be weighted, and what is taken as it is (K,), from motion and payload."""
-    torque, speed = torque_nm(move), move.velocity_rad_s
+    speed, _, torque = state(move)
     share = RATED_NM / RATED_NM[0]
     columns = np.stack(
         [
@@ -177,41 +191,70 @@ def leave_one_out(
         target = np.concatenate([m.power_w - made[m.name][1] for m in others])
         weights, _ = nnls(matrix, target)
         columns, fixed = made[move.name]
-        predicted = columns @ weights + fixed
-        error = move.energy_j(predicted) - move.energy_j()
         base = float(weights[0]) if base_w is None else base_w
-        above = move.energy_j() - base * move.duration_s
-        rows.append(
-            {
-                "move": move.name,
-                "measured_j": move.energy_j(),
-                "error_total_percent": 100.0 * error / move.energy_j(),
-                "above_base_j": above,
-                "error_above_base_percent": 100.0 * error / above,
-                "rmse_w": float(np.sqrt(np.mean((predicted - move.power_w) ** 2))),
-                "base_w": base,
-            }
-        )
+        rows.append(errors(move, columns @ weights + fixed, base))
     return rows
+
+
+def errors(move: Move, predicted_w: np.ndarray, base_w: float) -> dict[str, float | str]:
+    """Errors of a predicted power (K,), of the whole energy and of what lies above the base."""
+    error = move.energy_j(predicted_w) - move.energy_j()
+    above = move.energy_j() - base_w * move.duration_s
+    return {
+        "move": move.name,
+        "measured_j": move.energy_j(),
+        "error_total_percent": 100.0 * error / move.energy_j(),
+        "above_base_j": above,
+        "error_above_base_percent": 100.0 * error / above,
+        "rmse_w": float(np.sqrt(np.mean((predicted_w - move.power_w) ** 2))),
+        "base_w": base_w,
+    }
 
 
 def main() -> None:
     moves = read_moves(data_folder("ur3e_power"))
-    table = []
     base_w = float(np.mean([r["base_w"] for r in leave_one_out(moves, motion_features, None)]))
-    for name, features in (
-        ("currents", current_features),
-        ("motion", motion_features),
-        ("constant", constant_features),
-    ):
-        rows = leave_one_out(moves, features, base_w)
+    shipped = shipped_drive()
+    held_out = [drive_power_w(m, fit_drive([o for o in moves if o is not m])) for m in moves]
+    old = replace(shipped, copper_ohm=np.full(6, UR5E_COPPER_OHM))
+    predictors = {
+        "drive": [errors(m, power, base_w) for m, power in zip(moves, held_out, strict=True)],
+        "robot.yaml": [errors(move, drive_power_w(move, shipped), base_w) for move in moves],
+        "robot.yaml, R of a UR5e": [errors(m, drive_power_w(m, old), base_w) for m in moves],
+        "currents": leave_one_out(moves, current_features, base_w),
+        "motion": leave_one_out(moves, motion_features, base_w),
+        "constant": leave_one_out(moves, constant_features, base_w),
+    }
+    table: list[dict[str, float | str]] = []
+    for name, rows in predictors.items():
         table += [{"predictor": name, **row} for row in rows]
-        worst = {
-            key: max(abs(float(row[key])) for row in rows)
-            for key in ("error_total_percent", "error_above_base_percent", "rmse_w")
-        }
-        table.append({"predictor": name, "move": "largest", **worst, "base_w": base_w})
+        for word, take in (("mean size", np.mean), ("largest", np.max)):
+            sizes = {
+                key: float(take([abs(float(row[key])) for row in rows]))
+                for key in ("error_total_percent", "error_above_base_percent", "rmse_w")
+            }
+            table.append({"predictor": name, "move": word, **sizes, "base_w": base_w})
+        measured = sum(float(row["above_base_j"]) for row in rows)
+        error = sum(float(row["error_total_percent"]) * float(row["measured_j"]) for row in rows)
+        table.append(
+            {
+                "predictor": name,
+                "move": "all together",
+                "above_base_j": measured,
+                "error_above_base_percent": error / measured,
+            }
+        )
     save_table("ur3e_energy", table, "UR3e: energy of moves not fitted to (leave one move out)")
+    fitted = fit_drive(moves)
+    print(f"All five moves: base load {fitted.base_power_w:.2f} W")
+    constant = fitted.gear_ratio * fitted.torque_constant_nm_a
+    for text, values in (
+        ("n k_t [Nm/A]", constant),
+        ("copper [ohm]", fitted.copper_ohm),
+        ("Coulomb friction [Nm]", fitted.coulomb_nm),
+        ("viscous friction [Nm s]", fitted.viscous_nm_s),
+    ):
+        print(f"{text}, joints 1-2, 3, 4-6: " + ", ".join(f"{values[g[0]]:.3f}" for g in GROUPS))
 
 
 if __name__ == "__main__":

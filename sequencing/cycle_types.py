@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -23,6 +24,7 @@ class Weld:
     q_rad: Array
     cost: float
     time_s: float
+    contact_depth_m: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q_rad", readonly(self.q_rad, "q_rad", ndim=1))
@@ -71,18 +73,31 @@ class Tables:
     """Table 1 (per stud) and Table 2: old (time-based) against new (cost-based) sequence.
 
     `time_based` is the median total of `time_based_totals` (of an even number the cheaper of the
-    middle two), the costs of several sequences that all minimise the approximate travel time.
+    middle two), the costs of several sequences that all minimise the approximate travel time
+    max |Δq| / v. That ignores acceleration, so beside it `least_time` is a sequence that is
+    quickest under speed and acceleration limits (None: not asked for, or not found). `travel_s` are
+    the real travel times [s] of old, least-time and new sequence with final motions, NaN where
+    unknown.
     """
 
     studs: tuple[StudRow, ...]
     time_based: CycleCost
     time_based_totals: tuple[float, ...]
     energy_based: CycleCost
+    least_time: CycleCost | None = None
+    travel_s: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
     @property
     def saving_percent(self) -> float:
         """100 (old − new) / old of the totals."""
         return 100.0 * (1.0 - self.energy_based.total / self.time_based.total)
+
+    @property
+    def saving_against_least_time_percent(self) -> float | None:
+        """The same against `least_time`."""
+        if self.least_time is None:
+            return None
+        return 100.0 * (1.0 - self.energy_based.total / self.least_time.total)
 
 
 @dataclass(frozen=True)

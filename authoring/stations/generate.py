@@ -28,7 +28,7 @@ HERE = Path(__file__).resolve().parents[2] / "planning" / "stations"
 
 
 @dataclass(frozen=True)
-class Layout:
+class StationLayout:
     """What differs between the stations: gun offset, where the part lies, the words for it, and
     where the studs come from."""
 
@@ -40,9 +40,9 @@ class Layout:
 
 
 LAYOUTS = (
-    Layout("stud_welding_a", 0.30, (0.0, 0.0, 0.0), "Short gun, part at z = 0.80 m."),
-    Layout("stud_welding_b", 0.90, (0.10, 0.0, -0.25), "Long gun, part shifted."),
-    Layout(
+    StationLayout("stud_welding_a", 0.30, (0.0, 0.0, 0.0), "Short gun, part at z = 0.80 m."),
+    StationLayout("stud_welding_b", 0.90, (0.10, 0.0, -0.25), "Long gun, part shifted."),
+    StationLayout(
         "stud_welding_c",
         0.90,
         (0.10, 0.0, -0.25),
@@ -76,7 +76,7 @@ tool:
 """
 
 
-def _obstacles(layout: Layout) -> str:
+def _obstacles(layout: StationLayout) -> str:
     part = np.array(layout.part_m)
     text = f"""\
 obstacles:
@@ -98,7 +98,7 @@ obstacles:
     return text + ("  - {name: ground, box_m: [7, 6, 0.1], pose: {position_m: [1.2, 0, -0.05]}}\n")
 
 
-def station_text(layout: Layout, suffix: str) -> str:
+def station_text(layout: StationLayout, suffix: str) -> str:
     """The station.yaml of a layout; `suffix` is "", "_8" (eight studs) or "_heavy"."""
     heavy = suffix == "_heavy"
     scales = "\n  mass_scale: 1.6\n  torque_scale: 1.8" if heavy else ""

@@ -12,12 +12,15 @@ from dataclasses import dataclass, field
 SMALLEST_MU = 1e-11
 # Least μ per tolerance: smaller would only make the condensed system stiff, z²/μ on its diagonal.
 _SHARE_OF_TOLERANCE = 1e-4
+# The probe may ask for more centring than there is now, but not without end.
 _LARGEST_SIGMA = 100.0
-_LARGEST_FACTOR = 1e3
-_MARGIN = 1e-5
+_LARGEST_FACTOR = 1e3  # of the first mean product: the most that μ may become
+_MARGIN = 1e-5  # of progress in objective or violation, so that ties do not count for ever
+# The monotone rule of Wächter and Biegler (2006), (7): a barrier problem solved to ten times μ is
+# solved well enough, and the next μ falls at first by a factor, near the end faster than linearly.
 _SOLVED_FACTOR = 10.0
 _LINEAR, _POWER = 0.2, 1.5
-_FIXED_SHARE = 0.8
+_FIXED_SHARE = 0.8  # of the mean product, when the probing rule is left
 
 
 @dataclass
@@ -54,6 +57,7 @@ class BarrierRule:
         """
         if self.largest == 0.0:
             self.largest = _LARGEST_FACTOR * max(mean_product, self.least)
+        # The probing rule has no proof of its own; this watch on its progress gives one.
         progress = all(objective <= f or theta <= t for f, t in self.pairs)
         if progress:
             margin = _MARGIN * min(1.0, theta)

@@ -8,12 +8,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+# Enough progress, their (18): θ falls by this share, or φ by this share of θ. Without the margins
+# points could creep towards a corner of the filter that is no solution.
 _GAMMA_THETA = 1e-5
 _GAMMA_PHI = 1e-8
+# The switching condition, (19): α |φ'|^2.3 > θ^1.1. Where the step promises more of the objective
+# than there is violation left, only descent of φ may be accepted; else feasible points could be
+# traded for ever better feasibility and the search end at one that is not optimal.
 _POWER_THETA = 1.1
 _POWER_PHI = 2.3
-_ARMIJO = 1e-8
-_SAFETY = 0.05
+_ARMIJO = 1e-8  # that descent, (20)
+_SAFETY = 0.05  # of the shortest step, (23)
+# Relative to the first violation: beyond the one nothing is accepted, above the other the
+# objective has no say yet.
 _LARGEST_THETA = 1e4
 _SMALL_THETA = 1e-4
 # Differences of φ below this share of it are rounding.

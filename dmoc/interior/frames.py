@@ -2,7 +2,7 @@
 
 The frame of stage k is (q_{k−1}, q_k, û_{k−1}, h, q_{k+1}, û_k), 5n + 1 places (see
 `dmoc.interior.riccati_kernels`). A programme fits if every copy of every block lies in one frame;
-jerk, sums over the whole motion and a free last velocity do not.
+sums over the whole motion and a free last velocity do not.
 """
 
 from __future__ import annotations

@@ -16,9 +16,8 @@ from dmoc.arrays import Array
 from dmoc.interior import point_kernels as kernels
 from dmoc.interior.barrier_rule import BarrierRule
 from dmoc.interior.filter import Filter, Merit
-from dmoc.interior.frames import Frames
 from dmoc.interior.oracle import Oracle
-from dmoc.interior.point_kernels import Box, Point
+from dmoc.interior.point_kernels import FreeBox, Point
 from dmoc.interior.system import NewtonSystem
 
 LARGEST_DUAL = 1.0
@@ -106,8 +105,8 @@ class _Run:
         self, oracle: Oracle, system: NewtonSystem, bounds: Bounds, start: Start, limits: Tolerances
     ) -> None:
         self.oracle, self.system, self.limits = oracle, system, limits
-        frames: Frames = oracle.frames
-        self.frames, self.size, self.equal = frames, frames.size, frames.num_momentum
+        self.frames = oracle.frames
+        self.size, self.equal = self.frames.size, self.frames.num_momentum
         num_rows = len(bounds.rows_lower)
         self.fixed = bounds.lower == bounds.upper
         self.target = bounds.rows_lower[: self.equal]
@@ -117,7 +116,7 @@ class _Run:
         self.up += _RELAXATION * np.maximum(1.0, np.abs(self.up))
         self.lo[: self.size][self.fixed] = -np.inf
         self.up[: self.size][self.fixed] = np.inf
-        self.box = Box(self.lo, self.up, self.fixed, self.size, self.equal)
+        self.box = FreeBox(self.lo, self.up, self.fixed, self.size, self.equal)
         total = len(self.lo)
         self.w, self.y = np.zeros(total), np.zeros(num_rows)
         self.z_lo, self.z_up = np.zeros(total), np.zeros(total)
@@ -172,18 +171,15 @@ class _Run:
         acceptable = 0
         for iteration in range(self.limits.max_iterations + 1):
             error, dual, product, mean_product = self._measured(0.0)
-            if (
-                error <= self.limits.tolerance
-                and dual <= LARGEST_DUAL
-                and self.worst <= LARGEST_VIOLATION
-                and product <= LARGEST_PRODUCT
-            ):
+            small = self.worst <= LARGEST_VIOLATION and product <= LARGEST_PRODUCT
+            if error <= self.limits.tolerance and dual <= LARGEST_DUAL and small:
                 return self._outcome("converged", iteration)
             good = (
                 error <= self.limits.acceptable
                 and self.worst <= ACCEPTABLE_VIOLATION
                 and product <= ACCEPTABLE_PRODUCT
             )
+            # Several in a row: a point may pass by chance on the way to a better one.
             acceptable = acceptable + 1 if good else 0
             if acceptable >= self.limits.acceptable_iterations > 0:
                 return self._outcome("acceptable", iteration)
@@ -212,12 +208,15 @@ class _Run:
         def error_at(mu: float) -> float:
             return self._measured(mu)[0]
 
+        # The affine step is made only when the rule asks for its mean: one back-solve, for the
+        # factor is there already.
         if self.rule.choose(self.objective, self.theta, mean_product, error_at, mean_after):
             self.filter.clear()
         if self._search(error):
             return True
         if not self.rule.free:
             return False
+        # A probed μ can be too ambitious for any step to pass: once more with a central one.
         self.rule.fix(mean_product)
         self.filter.clear()
         return self._search(error)
@@ -225,6 +224,7 @@ class _Run:
     def _search(self, error: float) -> bool:
         """Backtrack along the step for the present μ; False if nothing is accepted."""
         mu = self.rule.mu
+        # Fraction to the boundary: close to 1 near a solution, or convergence would stay linear.
         tau = max(_LEAST_TAU, 1.0 - (error if self.rule.free else mu))
         step = self._step(mu, self.defect)
         rate = float(self.grad @ step.w[: self.size] + mu * (self.inwards @ step.w))
@@ -237,6 +237,7 @@ class _Run:
             if self.filter.accepts(start, trial.merit, alpha):
                 self._accept(start, trial, step, alpha, tau, mu)
                 return True
+            # A full step that only bends out of the rows (Maratos): correct before shortening.
             worse = first and trial.merit.theta >= start.theta
             if worse and self._corrected(start, trial, alpha, tau, mu):
                 return True
@@ -276,6 +277,7 @@ class _Run:
         self.z_lo += dual * step.z_lo
         self.z_up += dual * step.z_up
         self._move_to(trial)
+        # z·slack within a factor of μ, or the diagonal z/slack says nothing of the curvature.
         kernels.keep_near(self.w, self.lo, self.up, mu, self.z_lo, self.z_up)
 
     def _move_to(self, trial: _Trial) -> None:
@@ -333,13 +335,5 @@ class _Run:
         return error, dual, product, total / max(count, 1)
 
     def _outcome(self, reason: Reason, iterations: int) -> Outcome:
-        size = self.size
-        rows = self.y.copy()
-        return Outcome(
-            reason,
-            self.w[:size].copy(),
-            self.objective,
-            self.z_up[:size] - self.z_lo[:size],
-            rows,
-            iterations,
-        )
+        x, bounds = self.w[: self.size].copy(), (self.z_up - self.z_lo)[: self.size]
+        return Outcome(reason, x, self.objective, bounds, self.y.copy(), iterations)

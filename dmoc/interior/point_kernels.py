@@ -27,7 +27,7 @@ class Point(NamedTuple):
     z_up: Array
 
 
-class Box(NamedTuple):
+class FreeBox(NamedTuple):
     """lo ≤ w ≤ up (infinite where there is no bound), `fixed` (size,) variables without a step;
     `size` is the length of x, `equal` the number of momentum rows."""
 

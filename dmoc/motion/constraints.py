@@ -102,14 +102,15 @@ class TorqueSpeed:
 class MotionLimits:
     """Limits of one motion on top of the robot's own; None and () leave them out.
 
-    `jerk_rad_s3` (n,) bounds the third difference of the knots, the standstill (or steady speed)
-    before and after the motion included; `rms_torque_nm` (n,) the root mean square of each torque;
-    `torque_speed` the motor line; `path` are constraints at all midpoints. `end_cost` and `end`
-    act on the last state, of which `free_goal_joints` are free within their limits and, with
-    `free_goal_velocity`, the velocity within its limits.
+    `jerk_limit_rad_s3` (n,) bounds how the acceleration of the executed curve changes from interval
+    to interval, per second, the standstill (or steady speed) before and after the motion included;
+    `rms_torque_nm` (n,) the root mean square of each torque; `torque_speed` the motor line; `path`
+    are constraints at all midpoints. `end_cost` and `end` act on the last state, of which
+    `free_goal_joints` are free within their limits and, with `free_goal_velocity`, the velocity
+    within its limits.
     """
 
-    jerk_rad_s3: Array | float | None = None
+    jerk_limit_rad_s3: Array | float | None = None
     rms_torque_nm: Array | float | None = None
     torque_speed: TorqueSpeed | None = None
     path: tuple[PathConstraint, ...] = ()
@@ -121,7 +122,7 @@ class MotionLimits:
     def __post_init__(self) -> None:
         faults = []
         values: dict[str, Any] = {
-            "jerk_rad_s3": self.jerk_rad_s3,
+            "jerk_limit_rad_s3": self.jerk_limit_rad_s3,
             "rms_torque_nm": self.rms_torque_nm,
         }
         if self.torque_speed is not None:
@@ -153,7 +154,6 @@ class MotionLimits:
         functions += [item.function for item in self.end]
         functions += [self.end_cost.function] if self.end_cost else []
         return (
-            self.jerk_rad_s3 is not None,
             self.rms_torque_nm is not None,
             self.torque_speed is not None,
             self.needs_end_state,

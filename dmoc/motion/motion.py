@@ -121,6 +121,14 @@ class MotionProblem:
         if faults:
             raise ProblemError(faults)
 
+    @property
+    def jerk_limit_rad_s3(self) -> Array | None:
+        """The tighter of the robot's and the motion's own limit (n,), None without either."""
+        given = (self.robot.jerk_limit_rad_s3, self.limits.jerk_limit_rad_s3)
+        n = self.robot.num_joints
+        vectors = [joint_vector(x, "jerk_limit_rad_s3", n) for x in given if x is not None]
+        return np.min(vectors, axis=0) if vectors else None
+
     def replace(self, **changes: Any) -> MotionProblem:
         """The same problem with some fields changed."""
         return replace(self, **changes)

@@ -88,7 +88,8 @@ def motion_programme(problem: MotionProblem, families: Families) -> MotionProgra
     """The programme for `problem` with `families` of rows, built once per process and backend."""
     physics, stages = stages_of(problem)
     backend = stages.current()
-    key = (*physics, backend.name, problem.num_intervals, problem.limits.shape, families)
+    jerk = problem.jerk_limit_rad_s3 is not None
+    key = (*physics, backend.name, problem.num_intervals, problem.limits.shape, jerk, families)
     if key not in _PROGRAMMES:
         _PROGRAMMES[key] = Builder(problem, backend, families).build(key)
     return _PROGRAMMES[key]
@@ -173,7 +174,7 @@ class Builder:
             self._acceleration()
         if families.half_spaces:
             self._half_spaces(families.half_spaces)
-        if self.limits.jerk_rad_s3 is not None:
+        if self.problem.jerk_limit_rad_s3 is not None:
             self._jerk()
         self._torques()
         self._user_rows()
@@ -256,22 +257,15 @@ class Builder:
         self._add(stage, self._pairs()[:, :-1], theta.T, place)
 
     def _jerk(self) -> None:
-        """N + 3 rows a joint: the motion with two steady knots before and after it."""
-        n, count, knots = self.n, self.count, self.layout.knots()
-        place = self.rows.take("jerk", count + 2, n)
-        j_max, h = "j_max", self._steps(1)
-        if count >= 3:
-            inner = np.hstack(
-                [knots[:-3], knots[1:-2], knots[2:-1], knots[3:], self._steps(count - 2)]
-            )
-            self._add(limits.jerk_stage(n), inner, self._param(j_max), place[2:-2])
-        for known, near, far in ((2, 0, -1), (3, 1, -2)):
-            stage = limits.end_jerk_stage(n, known)
-            first = np.hstack([knots[:known].reshape(1, -1), h])
-            self._add(stage, first, self._param(j_max, "v_start"), place[[near]])
-            # Backwards in time: the velocity changes its sign, and so does the jerk.
-            last = np.hstack([knots[::-1][:known].reshape(1, -1), h])
-            self._add(stage, last, self._param(j_max, "v_goal_back"), place[[far]])
+        """At every knot, from and to steady motion at the ends."""
+        n, torques, pairs = self.n, self.layout.torques(), self._pairs()
+        place = self.rows.take("jerk", self.count + 1, n)
+        inner = np.hstack([self._steps(self.count - 1), torques[:-1], torques[1:]])
+        weights = self.params.take("jerk_weights", self.count - 1, n * n)
+        self._add(limits.jerk_stage(n), inner, weights.T, place[1:-1])
+        for at, velocity in ((0, "v_start"), (-1, "v_goal")):
+            theta = self._param("j_max", velocity)
+            self._add(limits.end_jerk_stage(n), pairs[[at]], theta, place[[at]])
 
     def _torques(self) -> None:
         if self.limits.rms_torque_nm is not None:

@@ -64,16 +64,17 @@ class Curve:
 @dataclass(frozen=True)
 class Lag:
     """What the rows take from an earlier solution, as shares: `slope` β (N, n), and what the rows
-    lack, `acceleration` (N, n) and `velocity` (N−1, n)."""
+    lack, `acceleration` (N, n), `velocity` (N−1, n) and `jerk` (N+1, n)."""
 
     slope: Array
     acceleration: Array
     velocity: Array
+    jerk: Array
 
     def tempered(self, curve: Curve) -> Lag:
         """Less of it the further its curve is outside the limits, where it says little."""
         share = 1.0 / max(1.0, float(curve.hardest.max()), float(curve.speed.max()) ** 2)
-        parts = (self.slope, self.acceleration, self.velocity)
+        parts = (self.slope, self.acceleration, self.velocity, self.jerk)
         return Lag(*(np.clip(share * part, -_MOST_GUESSED, _MOST_GUESSED) for part in parts))
 
 
@@ -82,6 +83,7 @@ class Margins:
     """Bounds of the rows: a lag, and `brake` (N, n), `slow` (N−1, n) taken off the limits.
 
     `inside` (2, N+1, n) [rad] is taken off the lower and the upper ends of the joints' ranges.
+    `smooth` (N+1, n) is taken off the limits of the rows of jerk.
     `mobility` (N−1, n, n) is M⁻¹ at the inner knots, None where no rows need it.
     """
 
@@ -89,6 +91,7 @@ class Margins:
     brake: Array
     slow: Array
     inside: Array
+    smooth: Array
     mobility: Array | None = None
 
     @property
@@ -103,6 +106,16 @@ class Margins:
         room = 1.0 - np.minimum(self.slow, _MOST_MARGIN)
         return -room - self.lag.velocity, room - self.lag.velocity
 
+    @property
+    def jerk(self) -> tuple[Array, Array]:
+        """Lower and upper bounds (N+1, n) of the rows of jerk."""
+        room = 1.0 - np.minimum(self.smooth, _MOST_MARGIN)
+        return -room - self.lag.jerk, room - self.lag.jerk
+
+    def smoothed(self, jerk: Array) -> Margins:
+        """The rows of jerk give way by the share that `jerk` (N+1, n) is beyond the limit."""
+        return replace(self, smooth=self.smooth + np.maximum(np.abs(jerk) - 1.0, 0.0))
+
     def corrected(self, curve: Curve) -> Margins:
         """Bounds give way by as much as the curve is still beyond a limit."""
         beyond = np.maximum(np.maximum(curve.speed[:-1], curve.speed[1:]) - 1.0, 0.0)
@@ -115,8 +128,24 @@ def no_margins(lag: Lag) -> Margins:
     """The limits themselves."""
     count, n = lag.slope.shape
     return Margins(
-        lag, np.zeros_like(lag.slope), np.zeros_like(lag.velocity), np.zeros((2, count + 1, n))
+        lag,
+        np.zeros_like(lag.slope),
+        np.zeros_like(lag.velocity),
+        np.zeros((2, count + 1, n)),
+        np.zeros((count + 1, n)),
     )
+
+
+def jerk_of(problem: MotionProblem, velocity_rad_s: Array, h: float) -> Array:
+    """The change of the acceleration at every knot per step, (N+1, n) in shares of the limit.
+
+    Before and after the motion the speed is steady; zero where there is no limit.
+    """
+    still, limit = np.zeros((1, problem.robot.num_joints)), problem.jerk_limit_rad_s3
+    jerk = np.diff(np.vstack([still, np.diff(velocity_rad_s, axis=0) / h, still]), axis=0) / h
+    if problem.limits.free_goal_velocity:  # what follows is unknown
+        jerk[-1] = 0.0
+    return np.zeros_like(jerk) if limit is None else jerk / limit
 
 
 def excess_of(robot: Robot, q_rad: Array, velocity_rad_s: Array, h: float) -> Array:
@@ -148,7 +177,7 @@ def moved_inside(inside: Array, excess: Array) -> Array:
 def no_lag(num_intervals: int, num_joints: int) -> Lag:
     """Of a curve with constant acceleration on every interval."""
     zero = np.zeros((num_intervals, num_joints))
-    return Lag(zero, zero, zero[1:])
+    return Lag(zero, zero, zero[1:], np.zeros((num_intervals + 1, num_joints)))
 
 
 def curve_of(robot: Robot, q_rad: Array, velocity_rad_s: Array, h: float) -> Curve:
@@ -185,7 +214,13 @@ def mobility_of(robot: Robot, q_rad: Array) -> Array:
 
 
 def lag_of(
-    problem: MotionProblem, curve: Curve, q_rad: Array, torque_nm: Array, h: float, mobility: Array
+    problem: MotionProblem,
+    curve: Curve,
+    q_rad: Array,
+    velocity_rad_s: Array,
+    torque_nm: Array,
+    h: float,
+    mobility: Array,
 ) -> Lag:
     """What the rows with M⁻¹ = `mobility` lack at a solution whose curve is `curve`."""
     robot = problem.robot
@@ -198,4 +233,17 @@ def lag_of(
         curve.slope,
         curve.mean - accelerations / robot.acceleration_limit_rad_s2,
         curve.knot_speed - speeds / robot.velocity_limit_rad_s,
+        _jerk_lag(problem, v, jump, velocity_rad_s, h),
     )
+
+
+def _jerk_lag(
+    problem: MotionProblem, v: Array, jump: Array, velocity_rad_s: Array, h: float
+) -> Array:
+    """What the rows of jerk lack; `v` (N, n) are mean speeds, `jump` (N−1, n) is M⁻¹Δu."""
+    found, limit = jerk_of(problem, velocity_rad_s, h), problem.jerk_limit_rad_s3
+    if limit is None:
+        return found
+    first = 2 * (v[:1] - problem.start_velocity_rad_s) / h
+    last = 2 * (v[-1:] - problem.goal_velocity_rad_s) / h
+    return np.asarray(found - np.vstack([first, jump, last]) / (h * limit))

@@ -69,27 +69,25 @@ def smoothing_stage(n: int) -> Stage:
 
 
 def jerk_stage(n: int) -> Stage:
-    """Third difference (q₃ − 3q₂ + 3q₁ − q₀)/(h³ j_max); z = (q₀, q₁, q₂, q₃, h), θ = j_max."""
-    knots = [ca.SX.sym(f"q{i}", n) for i in range(4)]
-    h, limit = ca.SX.sym("h"), ca.SX.sym("j", n)
-    rows = _third_difference(knots) / (h**3 * limit)
-    return expression_stage("jerk", ca.vertcat(*knots, h), limit, rows)
+    """W (û − û⁻)/h, the jump of the acceleration at an inner knot per step, in shares of j_max.
 
-
-def end_jerk_stage(n: int, known: int) -> Stage:
-    """The same with steady motion at velocity v before the first of `known` (2 or 3) knots.
-
-    z = (q₀, …, h), θ = (j_max, v); the knots before are q₀ − h v, q₀ − 2h v.
+    z = (h, û⁻, û), θ = W column by column, W = M⁻¹ u_max/j_max.
     """
-    knots = [ca.SX.sym(f"q{i}", n) for i in range(known)]
-    h, limit, v = ca.SX.sym("h"), ca.SX.sym("j", n), ca.SX.sym("v", n)
-    before = [knots[0] - i * h * v for i in range(4 - known, 0, -1)]
-    rows = _third_difference([*before, *knots]) / (h**3 * limit)
-    return expression_stage("end_jerk", ca.vertcat(*knots, h), ca.vertcat(limit, v), rows)
+    h, before, after = ca.SX.sym("h"), ca.SX.sym("before", n), ca.SX.sym("after", n)
+    weight = ca.SX.sym("W", n, n)
+    rows = weight @ (after - before) / h
+    return expression_stage("jerk", ca.vertcat(h, before, after), ca.vec(weight), rows)
 
 
-def _third_difference(knots: list[Any]) -> Any:
-    return knots[3] - 3 * knots[2] + 3 * knots[1] - knots[0]
+def end_jerk_stage(n: int) -> Stage:
+    """2((q⁺ − q)/h − v)/(h² j_max): from steady motion at v to the first interval, or back to it.
+
+    z = (q, q⁺, h), θ = (j_max, v).
+    """
+    qa, qb, limit, v = (ca.SX.sym(s, n) for s in ("qa", "qb", "j", "v"))
+    h = ca.SX.sym("h")
+    rows = 2 * ((qb - qa) / h - v) / (h**2 * limit)
+    return expression_stage("end_jerk", ca.vertcat(qa, qb, h), ca.vertcat(limit, v), rows)
 
 
 def rms_torque_stage(n: int) -> Stage:

@@ -161,9 +161,11 @@ def limit_bounds(
     if "half_spaces" in motion.rows:
         place = motion.rows["half_spaces"]
         lower[place], upper[place] = lower_half, np.inf
-    if limits.free_goal_velocity and "jerk" in motion.rows:  # what follows is unknown
-        place = motion.rows["jerk"][[-2, -1]]
-        lower[place], upper[place] = -np.inf, np.inf
+    if "jerk" in motion.rows:
+        lower[motion.rows["jerk"]], upper[motion.rows["jerk"]] = margins.jerk
+        if limits.free_goal_velocity:  # what follows is unknown
+            place = motion.rows["jerk"][-1]
+            lower[place], upper[place] = -np.inf, np.inf
     for i, constraint in enumerate(limits.path):
         place = motion.rows[f"path{i}"]
         lower[place], upper[place] = constraint.lower, constraint.upper
@@ -187,7 +189,7 @@ def parameters(
         "v_max": robot.velocity_limit_rad_s,
         "a_max": robot.acceleration_limit_rad_s2,
         "v_start": problem.start_velocity_rad_s,
-        "v_goal_back": -problem.goal_velocity_rad_s,
+        "v_goal": problem.goal_velocity_rad_s,
         "half_spaces": half_spaces,
         "wrench": problem.wrench,
     }
@@ -195,11 +197,14 @@ def parameters(
         weights = margins.mobility * u_max  # columns belong to torques, rows to joints
         by_acceleration = weights / (2 * robot.acceleration_limit_rad_s2[:, None])
         by_velocity = weights / (4 * robot.velocity_limit_rad_s[:, None])
-        for name, value in (("acceleration", by_acceleration), ("velocity", by_velocity)):
+        shares = {"acceleration": by_acceleration, "velocity": by_velocity}
+        if problem.jerk_limit_rad_s3 is not None:
+            shares["jerk"] = weights / problem.jerk_limit_rad_s3[:, None]
+        for name, value in shares.items():
             columns = value.transpose(0, 2, 1)
             values[f"{name}_weights"] = columns.reshape(len(columns), n * n)
-    if limits.jerk_rad_s3 is not None:
-        values["j_max"] = joint_vector(limits.jerk_rad_s3, "limits.jerk_rad_s3", n)
+    if problem.jerk_limit_rad_s3 is not None:
+        values["j_max"] = problem.jerk_limit_rad_s3
     if limits.rms_torque_nm is not None:
         rms = joint_vector(limits.rms_torque_nm, "limits.rms_torque_nm", n)
         values["rms_share"] = u_max / (rms * np.sqrt(problem.num_intervals))

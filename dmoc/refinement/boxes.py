@@ -39,10 +39,14 @@ def box_half_widths(
 ) -> Array:
     """Half-widths (N+1, n) [rad] of the boxes around the knots; 0 at fixed knots."""
     weights = np.maximum(clearance.weights(view.q_rad), 1e-9)
+    # n joints share what is spare: each may use an nth of it, so that all at their rim together use
+    # it up exactly. That factor is the paper's; without it a knot could reach the obstacle.
     above = view.phi_m - required
     spare = np.where(above >= 0, above, _TIGHT_SHARE * (view.phi_m - kept_level(required, params)))
     width = np.maximum(spare, 0.0)[:, None] / (weights.shape[1] * weights)
     half = np.full((len(fixed), weights.shape[1]), params.trust_most_rad)
+    # Unbuffered, because several points belong to one knot: `half[i] = minimum(…)` would keep the
+    # last of them only.
     np.minimum.at(half, points.interval, width)
     inner = points.fraction > 0
     np.minimum.at(half, points.interval[inner] + 1, width[inner])

@@ -167,6 +167,7 @@ class _Loop:
             if solution is not None and iterate.cost > self.worth:
                 dear = _motion(self.problem, self.method, solution, None, used)
                 return dear.replace(note="dearer than a motion that is known")
+            # Loose solves are enough to walk; what is delivered is solved once to full accuracy.
             last = None
             if solution is None or self._wants_tight(solution):
                 stage, last, spent = self._settled(stage, iterate, view, trust, outer)
@@ -183,6 +184,7 @@ class _Loop:
             motion = _motion(self.problem, self.method, solution, certificate, used)
             if motion.certified or stage.repair >= params.repair_rounds:
                 return motion
+            # The certificate looks between the points; where it fails, they demand more and closer.
             repaired = repaired_stage(stage, certificate)
             if repaired is None:
                 return motion

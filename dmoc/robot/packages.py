@@ -67,14 +67,13 @@ class Packages:
                 return confined(inside, self.own, file, field)
         inner = name.split("://", 1)[1]
         package, _, rest = inner.partition("/")
-        for beside in (inner, rest):  # as `dmoc init` copies them: beside the file
-            if beside and (self.folder / beside).is_file():
-                return confined(beside, self.folder, file, field)
+        if (self.folder / inner).is_file():  # as `dmoc init` copies it
+            return confined(inner, self.folder, file, field)
         found = self.find(package)
-        if found is None and rest and (self.own.parent / rest).is_file():
-            found = self.own.parent  # a lone folder urdf/ with its sibling meshes/
-        if found is None and rest and (self.folder.parent / rest).is_file():
-            found = self.folder.parent
+        if found is None and rest and not (self.own / "package.xml").is_file():
+            # A folder torn out of its package: urdf/ beside meshes/, or all in one.
+            torn = (self.folder, self.folder.parent)
+            found = next((place for place in torn if (place / rest).is_file()), None)
         if found is None:
             raise RobotError(
                 Fault(

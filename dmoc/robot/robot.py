@@ -17,7 +17,7 @@ import pinocchio as pin
 from dmoc.arrays import Array, joint_vector, readonly
 from dmoc.errors import Fault, RobotError
 from dmoc.robot.description import Description, LinkShape
-from dmoc.robot.settings import read_settings, settings_faults
+from dmoc.robot.settings import ACCELERATION_PER_SPEED, assumptions, read_settings, settings_faults
 from dmoc.robot.urdf import read_urdf
 
 IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
@@ -71,9 +71,10 @@ class Robot:
     placement in the first joint); treat it as read-only. `description` is what was read from the
     URDF: links, shapes, doubts. All vectors are (n,): position limits
     [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
-    [kg·m²]. `flange` is the frame that carries the tool. `drive` is the mapping of robot.yaml's
-    `drive` section (read by `robot.drive`); `provenance` tags every value as measured, published or
-    assumed. `allowed_collisions` are the pairs of links that may touch (neighbours in the chain).
+    [kg·m²]; jerk limits [rad/s³], None for none. `flange` is the frame that carries the tool.
+    `drive` is the mapping of robot.yaml's `drive` section (read by `robot.drive`); `provenance`
+    tags every value as measured, published or assumed. `allowed_collisions` are the pairs of links
+    that may touch (neighbours in the chain).
     `fingerprint` changes with anything that changes a motion; robots of equal fingerprint are
     equal. Pickles carry the model itself, so a worker process needs no file for dynamics.
     """
@@ -97,6 +98,7 @@ class Robot:
     allowed_collisions: tuple[tuple[str, str], ...]
     fingerprint: str
     mass_scale: float = 1.0
+    jerk_limit_rad_s3: Array | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Robot) and self.fingerprint == other.fingerprint
@@ -231,17 +233,21 @@ def load_robot(name_or_path: str | Path, package_path: Sequence[str | Path] = ()
         return joint_vector(default if value is None else value, key, n)
 
     velocity = vector("velocity_limit_rad_s", model.velocityLimit)
+    torque = vector("torque_limit_nm", model.effortLimit)
+    doubts = (*description.warnings, *assumptions(urdf, tree, velocity, torque))
     robot = Robot(
         name=str(settings.get("name", urdf.stem)),
         model=model,
         urdf=urdf.resolve(),
-        description=description,
+        description=replace(description, warnings=doubts),
         flange=description.flange,
         q_lower_rad=vector("q_lower_rad", model.lowerPositionLimit),
         q_upper_rad=vector("q_upper_rad", model.upperPositionLimit),
         velocity_limit_rad_s=velocity,
-        acceleration_limit_rad_s2=vector("acceleration_limit_rad_s2", 10.0 * velocity),
-        torque_limit_nm=vector("torque_limit_nm", model.effortLimit),
+        acceleration_limit_rad_s2=vector(
+            "acceleration_limit_rad_s2", ACCELERATION_PER_SPEED * velocity
+        ),
+        torque_limit_nm=torque,
         armature_kg_m2=vector("armature_kg_m2", np.zeros(n)),
         tool=Tool(),
         payload_kg=0.0,
@@ -252,6 +258,9 @@ def load_robot(name_or_path: str | Path, package_path: Sequence[str | Path] = ()
             (str(first), str(second)) for first, second in settings.get("allowed_collisions", ())
         ),
         fingerprint="",
+        jerk_limit_rad_s3=vector("jerk_limit_rad_s3", np.zeros(n))
+        if "jerk_limit_rad_s3" in settings
+        else None,
     )
     return _assemble(robot)
 
@@ -324,5 +333,7 @@ def _fingerprint(robot: Robot) -> str:
     digest.update(np.ascontiguousarray(flange.placement.homogeneous).tobytes())
     if flange.parentJoint != model.njoints - 1:  # where it nearly always is
         digest.update(f"flange on joint {flange.parentJoint}".encode())
+    if robot.jerk_limit_rad_s3 is not None:
+        digest.update(np.ascontiguousarray(robot.jerk_limit_rad_s3).tobytes())
     digest.update(json.dumps(dict(robot.drive), sort_keys=True, default=str).encode())
     return digest.hexdigest()

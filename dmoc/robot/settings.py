@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from dmoc.arrays import Array
 from dmoc.errors import DmocError, Fault, RobotError
 from dmoc.input_file import FieldPath, YamlTree, field_name, read_yaml
 from dmoc.robot.description import Description
@@ -19,6 +20,7 @@ _VECTORS = {
     "armature_kg_m2": 0.0,
     "torque_limit_nm": 1e-9,
     "acceleration_limit_rad_s2": 1e-9,
+    "jerk_limit_rad_s3": 1e-9,
     "velocity_limit_rad_s": 1e-9,
     "q_lower_rad": -50.0,
     "q_upper_rad": -50.0,
@@ -44,6 +46,9 @@ def read_settings(urdf: Path) -> YamlTree:
     Errors: `RobotError` for a file that is no YAML mapping.
     """
     path = urdf.with_name("robot.yaml")
+    misread = _misread(path)
+    if misread is not None:
+        raise RobotError(misread)
     if not path.is_file():
         return YamlTree({}, {})
     tree = read_yaml(path, RobotError)
@@ -59,6 +64,67 @@ def read_settings(urdf: Path) -> YamlTree:
             )
         )
     return tree
+
+
+def _misread(path: Path) -> Fault | None:
+    """What stands in the place of robot.yaml without being it, so that it would be passed over."""
+
+    def fault(code: str, value: str, legal: str, fix: str) -> Fault:
+        return Fault(code, str(path), "robot.yaml", value, legal, fix)
+
+    if path.is_dir():
+        return fault("robot-yaml-kind", "a directory", "a file", "put the settings into a file")
+    if path.is_symlink() and not path.exists():
+        value = f"a link to {path.readlink()}, which is not there"
+        return fault("robot-yaml-kind", value, "a file", "mend or remove the link")
+    if path.exists() and not path.resolve().is_relative_to(path.parent.resolve()):
+        value = f"a link to {path.readlink()}" if path.is_symlink() else str(path.resolve())
+        return fault("path-outside", value, "a file in the URDF's folder", "copy it there")
+    for name in ("robot.yml", "Robot.yaml", "robot.YAML"):
+        other = path.with_name(name)
+        if not path.exists() and (other.exists() or other.is_symlink()):
+            return fault("robot-yaml-name", name, "robot.yaml", "rename it")
+    return None
+
+
+#: What rotors of arms of 3 to 200 kg payload have, seen from the joint: the torque limit over this
+#: acceleration [rad/s²], within a factor of two.
+ROTOR_RAD_S2 = 100.0
+#: Acceleration limit over speed limit where no acceleration limit is given [1/s].
+ACCELERATION_PER_SPEED = 10.0
+
+
+def assumptions(
+    urdf: Path, tree: YamlTree, velocity_rad_s: Array, torque_nm: Array
+) -> tuple[Fault, ...]:
+    """What nobody gave and what was put in its place, as warnings."""
+    file = str(urdf.with_name("robot.yaml"))
+    given = set(tree.data)
+    found = []
+    if not tree.data:
+        value = "no robot.yaml" if not urdf.with_name("robot.yaml").exists() else "nothing in it"
+        legal = "armature, acceleration limits, drive, provenance"
+        fix = "the URDF's limits are taken, no drive: electrical energy cannot be computed"
+        found.append(Fault("robot-yaml-missing", file, "robot.yaml", value, legal, fix))
+    if "acceleration_limit_rad_s2" not in given:
+        taken = _numbers(ACCELERATION_PER_SPEED * velocity_rad_s)
+        value = f"nothing; {taken} taken, {ACCELERATION_PER_SPEED:g} x the speed limits"
+        fix = "give the acceleration limits of the arm"
+        key = "acceleration_limit_rad_s2"
+        found.append(Fault("acceleration-assumed", file, key, value, "rad/s² of each joint", fix))
+    if "armature_kg_m2" not in given:
+        fix = (
+            f"give armature_kg_m2; an estimate from the torque limits is "
+            f"{_numbers(torque_nm / ROTOR_RAD_S2)}, provenance: assumed"
+        )
+        value = "nothing; 0 taken, so the rotors weigh nothing in torque and energy"
+        legal = "rotor inertia seen from each joint"
+        found.append(Fault("armature-missing", file, "armature_kg_m2", value, legal, fix))
+    return tuple(found)
+
+
+def _numbers(values: Array) -> str:
+    return "[" + ", ".join(f"{value:.3g}" for value in values) + "]"
 
 
 def settings_faults(

@@ -276,19 +276,18 @@ def _flange(
     faults: Faults,
 ) -> str:
     """The link on the last moving joint that carries the tool: the only end, or by its name."""
-    behind = {joints[name].child for name in locked}
-    while True:  # links on locked joints (fingers), and what hangs on them
-        more = {j.child for j in joints.values() if j.parent in behind} - behind
-        if not more:
-            break
-        behind |= more
-    kept = [link for link in last if link not in behind]
-    parents = {j.parent for j in joints.values() if j.child in kept}
-    leaves = [link for link in kept if link not in parents]
+    parents = {joint.parent for joint in joints.values() if joint.child in last}
+    leaves = [link for link in last if link not in parents]
     for name in _FLANGES:
         ends = [link for link in leaves if link == name or link.endswith(f"_{name}")]
         if len(ends) == 1:
             return ends[0]
+    behind = {joints[name].child for name in locked}
+    for _ in last:  # links on locked joints (fingers), and what hangs on them
+        behind |= {j.child for j in joints.values() if j.kind == "fixed" and j.parent in behind}
+    kept = [link for link in last if link not in behind]
+    parents = {joint.parent for joint in joints.values() if joint.child in kept}
+    leaves = [link for link in kept if link not in parents]
     if len(leaves) != 1:
         value, fix = f"{len(leaves)} links end the arm", "write flange: LINK in robot.yaml"
         faults.add("robot-flange", root, value, ", ".join(leaves), fix, "flange")

@@ -49,8 +49,6 @@ def prolonged(problem: MotionProblem, coarse: MotionProblem, solution: NlpSoluti
         if place.shape == values.shape:  # of the whole motion or its end, not of a knot
             rows[place] = values
             continue
-        if len(values) not in (few - 1, few, few + 1):  # jerk has its own count
-            continue
         values = _at_places(values, few, many)
         rows[place] = values if name == "momentum" else share * values
     lag = None
@@ -59,6 +57,7 @@ def prolonged(problem: MotionProblem, coarse: MotionProblem, solution: NlpSoluti
             share * _at_places(given.lag.slope, few, many),
             share * _at_places(given.lag.acceleration, few, many),
             share * _at_places(given.lag.velocity, few, many),
+            share * _at_places(given.lag.jerk, few, many),
         )
     return Guess(q, torque, step, Multipliers(bounds, rows, families, lag))
 

@@ -26,6 +26,7 @@ from dmoc.programme.curve_limits import (
     Margins,
     curve_of,
     excess_of,
+    jerk_of,
     lag_of,
     mean_curve_of,
     mobility_of,
@@ -105,7 +106,7 @@ def _with_lazy_limits(
     slack = CURVE_SLACK if exact else 0.0
     no_mobility = np.zeros((len(lag.velocity), problem.robot.num_joints, problem.robot.num_joints))
     while True:
-        if families.limited:
+        if families.limited or problem.jerk_limit_rad_s3 is not None:
             mobility = mobility_of(problem.robot, guess.q_rad) if exact else no_mobility
             margins = replace(margins, mobility=mobility)
         solution = _solve_once(problem, guess, box, kept, params, families, margins)
@@ -115,6 +116,8 @@ def _with_lazy_limits(
         curve = _curve(problem, solution, exact)
         too_fast, too_hard = curve.breaks_velocity(slack), curve.breaks_acceleration(slack)
         too_far = _excess(problem, solution)
+        jerk = jerk_of(problem, solution.velocity_rad_s, solution.step_s)
+        too_rough = exact and bool(np.abs(jerk).max() > 1.0 + slack)
         leaves = exact and bool(too_far.max() > POSITION_SLACK_RAD)
         wider = replace(
             families,
@@ -123,12 +126,14 @@ def _with_lazy_limits(
         )
         if wider == families:
             most = params.curve_corrections if exact else 0
-            broken = too_fast or too_hard or leaves
+            broken = too_fast or too_hard or leaves or too_rough
             if not (solution.status.ok and broken) or corrections == most:
                 break
             corrections += 1
             if corrections > 1:  # a better lag alone did not do
                 margins = margins.corrected(curve)
+        if too_rough and solution.status.ok and corrections > 1:
+            margins = margins.smoothed(jerk)
         if leaves and solution.status.ok:
             margins = replace(margins, inside=moved_inside(margins.inside, too_far))
         if solution.status.ok:
@@ -166,6 +171,7 @@ def _lag(problem: MotionProblem, solution: NlpSolution) -> Lag:
         problem,
         _curve(problem, solution, True),
         solution.q_rad,
+        solution.velocity_rad_s,
         solution.torque_nm,
         solution.step_s,
         mobility_of(problem.robot, solution.q_rad),

@@ -41,12 +41,13 @@ STATUS = {
 class SolveParams:
     """Options of a solve. `tolerance` is Ipopt's `tol` on the scaled problem.
 
-    With `limit_curve` speed and acceleration limits hold on the whole executed curve (to 1 %), else
-    only for differences of the knots. What the curve does beyond its rows is known only afterwards:
-    up to `curve_corrections` further solves take it in; with 0 the next warm start does.
+    With `limit_curve` position, speed, acceleration and jerk limits hold on the whole executed
+    curve (to 1 %, position to 1e-5 rad), else only for differences of the knots. What the curve
+    does beyond its rows is known only afterwards: up to `curve_corrections` further solves take it
+    in; with 0 the next warm start does.
     `solver` is a name of `SOLVERS`: `ipopt`, or `structured`, our own interior-point method
     (`dmoc.interior`), which finds the same optima several times faster and hands on to Ipopt what
-    does not fit it (jerk, RMS torque, conditions on the end, rows with equal bounds) or where it
+    does not fit it (RMS torque, conditions on the end, rows with equal bounds) or where it
     gets stuck.
     """
 

@@ -30,7 +30,7 @@ def rotate_onto(axis: Array, start: Array, goal: Array) -> Array:
     sine = np.cross(start, goal) @ axis
     cosine = np.einsum("...i,...i->...", start, goal)
     size = np.linalg.norm(start, axis=-1) * np.linalg.norm(goal, axis=-1)
-    return np.where(size > 1e-14, np.arctan2(sine, cosine), 0.0)
+    return np.where(size > 1e-24, np.arctan2(sine, cosine), 0.0)
 
 
 def rotate_to_height(
@@ -58,15 +58,54 @@ def rotate_to_height(
     return np.stack([centre + half, centre - half], axis=-1), exists
 
 
+def rotate_to_angle(
+    axis: Array, start: Array, direction: Array, goal: Array
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Both θ (K, 2) that turn `start` as far from `direction` as `goal` (K, 3) is; all unit.
+
+    As `rotate_to_height`, but sharp where goal ≈ ±direction: there a cosine keeps half its digits,
+    and the missing factor of size² − c² = (size − c)(size + c) comes from the cross product.
+    Also the aligned angle (K,), at which `start` comes nearest to ±direction, and existence.
+    """
+    level = (start @ axis) * (direction @ axis)
+    a = direction @ start - level
+    b = direction @ np.cross(axis, start)
+    size, height = float(np.hypot(a, b)), goal @ direction
+    if size < 1e-12:
+        angles, exists = rotate_to_height(axis, start, direction, height)
+        return angles, angles[:, 0], exists
+    cross = np.sum(np.cross(goal, direction) ** 2, axis=-1)
+    above, below = level + size - height, height - (level - size)
+    exists = np.minimum(above, below) >= -SLACK * size
+    if abs(level + size - 1.0) < 1e-12:
+        above = np.where(height > 0, cross / (1.0 + np.abs(height)), above)
+    if abs(level - size + 1.0) < 1e-12:
+        below = np.where(height < 0, cross / (1.0 + np.abs(height)), below)
+    half = np.arctan2(np.sqrt(np.maximum(above * below, 0.0)), height - level)
+    centre = float(np.arctan2(b, a))
+    aligned = np.where(height > 0, centre, centre + np.pi)
+    return np.stack([centre + half, centre - half], axis=-1), aligned, exists
+
+
 Branches = tuple[Array, npt.NDArray[np.bool_]]
 _NEAR = 1e-9
+
+#: A wrist within this of straight (the sine between its axes) has a free joint for all practice.
+STRAIGHT = 1e-6
+_EXACTLY_STRAIGHT = 1e-10
+#: Values of the free joint of a straight wrist that are tried, all around.
+SAMPLES = 16
+#: Branches of a wrist that is not straight; those after them are samples.
+NUM_BRANCHES = 8
 
 
 def closed_form(chain: ScrewAxes) -> Callable[[Array], Branches] | None:
     """The solver of this arm's family, or None.
 
-    It maps end poses (K, 4, 4) to angles (K, 8, 6), not wrapped to limits, and whether each
-    branch exists (K, 8).
+    It maps end poses (K, 4, 4) to angles (K, B, 6), not wrapped to limits, and whether each
+    branch exists (K, B). After the first `NUM_BRANCHES` come samples of the free joint of straight
+    wrists (sine below `STRAIGHT`), which leave that sine as their error; at a sine below 1e-10 they
+    take the place of the branches.
     """
     if chain.num_joints != 6 or not _parallel(chain, 1, 2):
         return None
@@ -135,8 +174,8 @@ def _spherical_wrist(chain: ScrewAxes, wrist: Array, poses: Array) -> Branches:
     axis, count = chain.axis, len(poses)
     motion = poses @ np.linalg.inv(chain.home)
     target = motion[:, :3, :3] @ wrist + motion[:, :3, 3]
-    q = np.full((count, 8, 6), np.nan)
-    found = np.zeros((count, 8), dtype=bool)
+    q = np.full((count, NUM_BRANCHES + 4 * SAMPLES, 6), np.nan)
+    found = np.zeros(q.shape[:2], dtype=bool)
     # Axis 2 sees the wrist at a fixed height: h2 · R1ᵀ (target − o1) = h2 · (wrist − o1).
     first, exists_1 = rotate_to_height(
         -axis[0],
@@ -155,31 +194,46 @@ def _spherical_wrist(chain: ScrewAxes, wrist: Array, poses: Array) -> Branches:
                 @ rotation_about(axis[2], q3[:, j])
             )
             turn = np.swapaxes(arm, 1, 2) @ motion[:, :3, :3]
-            wrists, exists_3 = _wrist(chain, turn)
-            for k in (0, 1):
-                branch = 4 * i + 2 * j + k
-                q[:, branch] = np.column_stack([q1, q2[:, j], q3[:, j], *wrists[k].T])
-                found[:, branch] = exists_1 & exists_2 & exists_3
-    return q, found
+            shoulder = np.column_stack([q1, q2[:, j], q3[:, j]])
+            sampled = NUM_BRANCHES + SAMPLES * (2 * i + j) + np.arange(SAMPLES)
+            columns = np.concatenate([4 * i + 2 * j + np.arange(2), sampled])
+            q[:, columns, :3] = shoulder[:, None]
+            q[:, columns, 3:], exists_3 = _wrist(chain, turn)
+            found[:, columns] = (exists_1 & exists_2)[:, None] & exists_3
+    return _without_unused(q, found)
 
 
-def _wrist(chain: ScrewAxes, turn: Array) -> tuple[list[Array], npt.NDArray[np.bool_]]:
-    """Both (q4, q5, q6) (K, 3) with R4 R5 R6 = turn (K, 3, 3). q4 = 0 where 4 and 6 align."""
+def _without_unused(q: Array, found: npt.NDArray[np.bool_]) -> Branches:
+    """The branches alone where no pose has a straight wrist."""
+    if found[:, NUM_BRANCHES:].any():
+        return q, found
+    return q[:, :NUM_BRANCHES], found[:, :NUM_BRANCHES]
+
+
+def _wrist(chain: ScrewAxes, turn: Array) -> Branches:
+    """(q4, q5, q6) (K, 2 + SAMPLES, 3) with R4 R5 R6 = turn (K, 3, 3): two, and samples of q4."""
     h4, h5, h6 = chain.axis[3:]
     pointing = turn @ h6
-    fifth, exists = rotate_to_height(h5, h6, h4, pointing @ h4)
-    results = []
-    for k in (0, 1):
-        q5 = fifth[:, k]
-        middle = _turned(h5, q5, h6)
-        aligned = np.linalg.norm(np.cross(middle, h4), axis=1) < 1e-7
-        q4 = np.where(aligned, 0.0, rotate_onto(h4, middle, pointing))
+    sine = np.linalg.norm(np.cross(pointing, h4), axis=1)
+    fifth, aligned, reached = rotate_to_angle(h5, h6, h4, pointing)
+    count = len(turn)
+    q = np.empty((count, 2 + SAMPLES, 3))
+    exists = np.repeat(reached[:, None], 2 + SAMPLES, axis=1)
+    exists[:, :2] &= (sine >= _EXACTLY_STRAIGHT)[:, None]
+    exists[:, 2:] &= (sine < STRAIGHT)[:, None]
+    for k in range(2 + SAMPLES):
+        if not exists[:, k].any():
+            q[:, k] = np.nan
+            continue
+        q5 = fifth[:, k] if k < 2 else aligned
+        free = np.full(count, 2.0 * np.pi * (k - 2) / SAMPLES)
+        q4 = rotate_onto(h4, _turned(h5, q5, h6), pointing) if k < 2 else free
         rest = np.swapaxes(rotation_about(h4, q4) @ rotation_about(h5, q5), 1, 2) @ turn
         # Any vector across axis 6 shows q6.
         across = np.cross(h6, h5)
         q6 = rotate_onto(h6, np.broadcast_to(across, pointing.shape), rest @ across)
-        results.append(np.column_stack([q4, q5, q6]))
-    return results, exists
+        q[:, k] = np.column_stack([q4, q5, q6])
+    return q, exists
 
 
 def _three_parallel(chain: ScrewAxes, corner: Array, poses: Array) -> Branches:
@@ -187,8 +241,8 @@ def _three_parallel(chain: ScrewAxes, corner: Array, poses: Array) -> Branches:
     h2, h6 = axis[1], axis[5]
     motion = poses @ np.linalg.inv(chain.home)
     target = motion[:, :3, :3] @ corner + motion[:, :3, 3]
-    q = np.full((count, 8, 6), np.nan)
-    found = np.zeros((count, 8), dtype=bool)
+    q = np.full((count, NUM_BRANCHES + 4 * SAMPLES, 6), np.nan)
+    found = np.zeros(q.shape[:2], dtype=bool)
     first, exists_1 = rotate_to_height(
         -axis[0], target - point[0], h2, np.full(count, h2 @ (corner - point[0]))
     )
@@ -196,26 +250,65 @@ def _three_parallel(chain: ScrewAxes, corner: Array, poses: Array) -> Branches:
         q1 = first[:, i]
         back = np.swapaxes(rotation_about(axis[0], q1), 1, 2)
         turn = back @ motion[:, :3, :3]
-        fifth, exists_2 = rotate_to_height(axis[4], h6, h2, (turn @ h6) @ h2)
-        for k in (0, 1):
-            q5 = fifth[:, k]
-            fixed = _turned(axis[4], -q5, h2)
-            q6 = rotate_onto(h6, np.swapaxes(turn, 1, 2) @ h2, fixed)
-            last = rotation_about(axis[4], q5) @ rotation_about(h6, q6)
-            arm = turn @ np.swapaxes(last, 1, 2)  # rotation about h2 by the sum of 2, 3, 4
-            across = np.cross(h2, _any_other(h2))
-            total = rotate_onto(h2, np.broadcast_to(across, (count, 3)), arm @ across)
-            # Where the shoulder chain must bring the axis-4 point: undo 6, 5, then carry it.
-            local = point[0] + np.einsum("kij,kj->ki", back, target - point[0])
+        pointing = turn @ h6
+        sine = np.linalg.norm(np.cross(pointing, h2), axis=1)
+        straight = exists_1 & (sine < STRAIGHT)
+        fifth, aligned, exists_2 = rotate_to_angle(axis[4], h6, h2, pointing)
+        # Where the shoulder chain must bring the axis-4 point: undo 6, 5, then carry it.
+        local = point[0] + np.einsum("kij,kj->ki", back, target - point[0])
+        choices = [(4 * i + 2 * k, 1, fifth[:, k], sine >= _EXACTLY_STRAIGHT) for k in (0, 1)]
+        if straight.any():
+            totals, reachable = _free_totals(chain, point[3] - corner, local)
+            start = NUM_BRANCHES + 2 * SAMPLES * i
+            choices += [(start + s, SAMPLES, aligned, straight & reachable) for s in range(SAMPLES)]
+        for number, (column, stride, q5, taken) in enumerate(choices):
+            if number < 2:
+                fixed = _turned(axis[4], -q5, h2)
+                q6 = rotate_onto(h6, np.swapaxes(turn, 1, 2) @ h2, fixed)
+                last = rotation_about(axis[4], q5) @ rotation_about(h6, q6)
+                arm = turn @ np.swapaxes(last, 1, 2)  # rotation about h2 by the sum of 2, 3, 4
+                across = np.cross(h2, _any_other(h2))
+                total = rotate_onto(h2, np.broadcast_to(across, (count, 3)), arm @ across)
+            else:
+                total = totals[:, number - 2]
+                arm = rotation_about(h2, total)
+                across = np.cross(h6, _any_other(h6))
+                rest = np.swapaxes(arm @ rotation_about(axis[4], q5), 1, 2) @ turn
+                q6 = rotate_onto(h6, np.broadcast_to(across, (count, 3)), rest @ across)
             goal = local + np.einsum("kij,j->ki", arm, point[3] - corner)
             q2, q3, exists_3 = _elbow(chain, point[3], goal)
             signs = np.sign(axis[2:4] @ h2)
             for j in (0, 1):
                 q4 = signs[1] * (total - q2[:, j] - signs[0] * q3[:, j])
-                branch = 4 * i + 2 * k + j
+                branch = column + stride * j
                 q[:, branch] = np.column_stack([q1, q2[:, j], q3[:, j], q4, q5, q6])
-                found[:, branch] = exists_1 & exists_2 & exists_3
-    return q, found
+                found[:, branch] = exists_1 & exists_2 & exists_3 & taken
+    return _without_unused(q, found)
+
+
+def _free_totals(
+    chain: ScrewAxes, lever: Array, local: Array
+) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Sums of joints 2, 3, 4 (K, SAMPLES) at which the elbow reaches a straight wrist (K, 3).
+
+    The axis-4 point lies on a circle around the wrist: at an angle ψ from the line that leads away
+    from axis 2 its distance d has d² = c² + r² + 2 c r cos ψ, and the elbow spans a ring. The
+    samples divide the ψ of the ring evenly, on both sides. And whether there are any (K,).
+    """
+    axis, o2, o3 = chain.axis[1], chain.point[1], chain.point[2]
+    flat = np.eye(3) - np.outer(axis, axis)
+    centre, spoke = (local - o2) @ flat, flat @ lever
+    far, radius = np.linalg.norm(centre, axis=1), float(np.linalg.norm(spoke))
+    upper = float(np.linalg.norm(flat @ (o3 - o2)))
+    fore = float(np.linalg.norm(flat @ (chain.point[3] - o3)))
+    product = np.maximum(2.0 * far * radius, 1e-12)
+    cosine = [(d**2 - far**2 - radius**2) / product for d in (upper + fore, abs(upper - fore))]
+    reachable = (cosine[0] >= -1.0 - SLACK) & (cosine[1] <= 1.0 + SLACK)
+    nearest, furthest = (np.arccos(np.clip(c, -1.0, 1.0)) for c in cosine)
+    share = (np.arange(SAMPLES // 2) + 0.5) / (SAMPLES // 2)
+    angle = nearest[:, None] + share * (furthest - nearest)[:, None]
+    outward = rotate_onto(axis, np.broadcast_to(spoke, centre.shape), centre)
+    return outward[:, None] + np.concatenate([angle, -angle], axis=1), reachable
 
 
 def _any_other(vector: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from dmoc.arrays import Array
 from dmoc.robot.robot import Robot
-from planning.arm.closed_forms import closed_form
+from planning.arm.closed_forms import NUM_BRANCHES, STRAIGHT, closed_form
 from planning.arm.numeric import converge, multi_start
 from planning.arm.screws import ScrewAxes, chain_of, pose_error
 
@@ -38,50 +38,62 @@ def inverse(robot: Robot, poses: Array, seed: int = 0) -> Solutions:
 
     Closed form for spherical wrists and for three parallel axes; other arms (7 joints, offset
     wrists) by seeded multi-start, which for 7 joints samples the free motion. Errors against
-    forward kinematics are at most 1e-9 m and rad. Where the wrist is singular, joint 4 is 0.
+    forward kinematics are at most 1e-9 m and rad. At a straight wrist one joint is free and is
+    sampled. A pose that is off that by the digits of a file (a sine below 1e-6) may leave the exact
+    branches out of reach or limits: then come the samples, off by no more than that sine.
     """
     chain = chain_of(robot)
     poses = np.asarray(poses, dtype=float).reshape(-1, 4, 4)
     branches = _branches(chain, poses, seed)
     rows: list[Array] = []
     owner: list[int] = []
-    outside = np.zeros(len(poses), dtype=np.int64)
-    for k, found in enumerate(branches):
-        for q in found:
-            inside = wraps(q, chain.lower_rad, chain.upper_rad)
-            outside[k] += len(inside) == 0
-            rows += list(inside)
-            owner += [k] * len(inside)
+    counts, outside = np.zeros((2, len(poses)), dtype=np.int64)
+    for k, (exact, sampled) in enumerate(branches):
+        for found in (exact, sampled):
+            counts[k] += len(found)
+            turns = [wraps(q, chain.lower_rad, chain.upper_rad) for q in found]
+            outside[k] += sum(len(inside) == 0 for inside in turns)
+            legal = [row for inside in turns for row in inside]
+            rows += legal
+            owner += [k] * len(legal)
+            if legal:
+                break
     return Solutions(
         np.array(rows).reshape(-1, chain.num_joints),
         np.array(owner, dtype=np.int64),
-        np.array([len(found) for found in branches], dtype=np.int64),
+        counts,
         outside,
     )
 
 
-def _branches(chain: ScrewAxes, poses: Array, seed: int) -> list[Array]:
-    """Distinct solutions of each pose, modulo full turns."""
+def _branches(chain: ScrewAxes, poses: Array, seed: int) -> list[tuple[Array, Array]]:
+    """Distinct solutions of each pose, modulo full turns: exact ones, and of a nearly straight
+    wrist the samples."""
     solve = closed_form(chain)
     if solve is None:
-        return [multi_start(chain, pose, _STARTS, seed + 7919 * k) for k, pose in enumerate(poses)]
+        none = np.empty((0, chain.num_joints))
+        return [
+            (multi_start(chain, pose, _STARTS, seed + 7919 * k), none)
+            for k, pose in enumerate(poses)
+        ]
     q, found = solve(poses)
     pose_index, branch_index = np.nonzero(found)
     candidates = q[pose_index, branch_index]
     # Near the edge of reach the cosines lose half their digits: a few Newton steps restore them.
     error = np.max(np.abs(pose_error(poses[pose_index], chain.forward(candidates))), axis=1)
-    rough = error > 1e-11
     exact = error <= TOLERANCE
+    rough = (error > 1e-11) & ((branch_index < NUM_BRANCHES) | exact)
     if np.any(rough):
         polished, arrived = converge(
             chain, poses[pose_index[rough]], candidates[rough], iterations=12
         )
         candidates[rough] = np.where(arrived[:, None], polished, candidates[rough])
         exact[rough] |= arrived
+    near = (branch_index >= NUM_BRANCHES) & ~exact & (error <= 4.0 * STRAIGHT)
     result = []
     for k in range(len(poses)):
-        mine = candidates[(pose_index == k) & exact]
-        result.append(_distinct(mine))
+        mine = pose_index == k
+        result.append((_distinct(candidates[mine & exact]), _distinct(candidates[mine & near])))
     return result
 
 

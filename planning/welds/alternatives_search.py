@@ -115,8 +115,7 @@ def _without(
     for row in q[hit]:
         pair = world.collide(row, demand_m, lines)
         if pair is not None:
-            other = _other(pair, own)
-            reasons["self-collision" if other == "itself" else words + other] += 1
+            reasons[words + _other(pair, own)] += 1
     return q[~hit]
 
 
@@ -130,6 +129,6 @@ def _first_hit(
 
 
 def _other(pair: tuple[str, str], own: set[str]) -> str:
-    """The body of a pair that is not the robot's; `itself` if both are."""
+    """The body of a pair that is not the robot's; both names if both are."""
     others = [name for name in pair if name not in own]
-    return others[0] if others else "itself"
+    return others[0] if others else f"itself ({pair[0]}, {pair[1]})"

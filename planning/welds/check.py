@@ -18,7 +18,7 @@ from planning.geometry.nearest import body_distance_m
 from planning.geometry.shapes import Body
 from planning.station.build import load_station
 from planning.station.station import Station
-from planning.welds.alternatives_search import alternatives
+from planning.welds.alternatives_search import alternatives, demanded_clearance_m
 from planning.welds.poses import StudAlternatives, weld_line
 
 #: Engines that differ by more disagree [m].
@@ -199,7 +199,8 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
     """The object of `dmoc check --json`.
 
     `studs`: per stud `id`, `alternatives` (their number), `reason` (empty, or what took the
-    candidates away, most frequent first), `weld_cost` [least, most] or null; besides `name`,
+    candidates away, most frequent first), `weld_cost` [least, most] or null, `contact_depth_m`
+    (how deep the shapes of tool and part overlap at the deepest weld pose); besides `name`,
     `robot`, `flange`, `configurations`, `clearance_m`, an empty `errors`, and `warnings`: what is
     legal but hardly meant, each like an error (code, file, field, value, legal, fix). With
     `engines` also `engines`: how far the other collision engines are from the station's
@@ -221,9 +222,12 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
                 "alternatives": len(found.alternatives),
                 "reason": "" if costs else ", ".join(f"{text} ({n})" for text, n in counted),
                 "weld_cost": [min(costs), max(costs)] if costs else None,
+                "contact_depth_m": max(
+                    (contact_depth_m(world, item.q_rad) for item in found.alternatives), default=0.0
+                ),
             }
         )
-    doubts = list(station_warnings(station))
+    doubts = [*station_warnings(station), *_always(station, world)]
     opinions = second_opinions(station, studs) if engines else []
     doubts += [
         _disagreement(station, opinion)
@@ -243,6 +247,14 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
     }
 
 
+def contact_depth_m(world: CollisionWorld, q_rad: Array) -> float:
+    """How deep the collision shapes of tool and part overlap at a weld pose [m]; 0 without contact.
+
+    Shapes are convex pieces and stay outside the mesh, so the bodies themselves overlap less.
+    """
+    return max(0.0, -world.distance(q_rad, 0.0)[0])
+
+
 def _disagreement(station: Station, opinion: dict[str, Any]) -> Fault:
     return Fault(
         "engines-disagree",
@@ -254,6 +266,53 @@ def _disagreement(station: Station, opinion: dict[str, Any]) -> Fault:
         legal="<= 1 mm",
         fix="look at the pair under engines.worst: a thin or badly formed piece",
     )
+
+
+def always_near(station: Station, world: CollisionWorld) -> list[tuple[str, str, float]]:
+    """Pairs of the robot's own bodies that violate the clearance in all of many random poses.
+
+    With the least distance that was seen [m]: below 0 their shapes overlap. No pose keeps such a
+    pair apart, so nothing can be planned unless it is allowed.
+    """
+    robot, gap_m, rng = station.robot, demanded_clearance_m(station), np.random.default_rng(0)
+    standing = {body.name for body in station.obstacles}
+    least: dict[tuple[str, str], float] = {}
+    for number in range(RANDOM):
+        q = rng.uniform(robot.q_lower_rad, robot.q_upper_rad)
+        near = {pair: gap for pair, gap in world.distances(q, gap_m) if not standing & {*pair}}
+        kept = near.keys() if number == 0 else near.keys() & least.keys()
+        least = {pair: min(near[pair], least.get(pair, np.inf)) for pair in kept}
+        if not least:
+            break
+    return [(min(pair), max(pair), gap) for pair, gap in sorted(least.items())]
+
+
+def allow_always_near(path: Path) -> list[tuple[str, str, float]]:
+    """Write the pairs that are always near into a new station.yaml; returns them."""
+    station = load_station(path)
+    pairs = always_near(station, CollisionWorld(station))
+    rows = [
+        f"  - [{first}, {second}]  # never {1e3 * station.clearance_m:g} mm apart\n"
+        for first, second, _ in pairs
+    ]
+    if rows:
+        text = path.read_text(encoding="utf-8")
+        text = text.replace("allowed_collisions: []\n", "allowed_collisions:\n" + "".join(rows))
+        path.write_text(text, encoding="utf-8", newline="\n")
+    return pairs
+
+
+def _always(station: Station, world: CollisionWorld) -> Iterator[Fault]:
+    for first, second, gap in always_near(station, world):
+        yield Fault(
+            "pair-always",
+            str(station.source),
+            "allowed_collisions",
+            f"{first} and {second} are always nearer than {station.clearance_m:g} m "
+            f"(down to {1e3 * gap:.0f} mm)",
+            "pairs that some pose keeps apart",
+            f"write - [{first}, {second}] if they cannot really meet",
+        )
 
 
 def check_home(station: Station, world: CollisionWorld) -> None:

@@ -43,8 +43,9 @@ class Alternative(StaysReadonly):
 class StudAlternatives:
     """The alternatives of a stud, and how many candidates each reason took away.
 
-    Reasons: `unreachable` (a tool spin without any solution), `joint limit`, `self-collision`,
-    `collision with BODY`, `departure leaves the joint limits`, `departure jams with BODY`.
+    Reasons: `unreachable` (a tool spin without any solution), `joint limit`, `collision with
+    itself (A, B)`, `collision with BODY`, `departure leaves the joint limits`, `departure jams
+    with BODY`.
     """
 
     stud: Stud

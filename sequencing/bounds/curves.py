@@ -65,6 +65,7 @@ def leaving_curves(
     radius = reach(robot, t_s)
     speed = np.minimum(robot.velocity_limit_rad_s, t_s[:, None] * robot.acceleration_limit_rad_s2)
     drift = radius @ series.slope.T
+    known = (bearing, grid, cells, cost.time, cost.effort)
     rate, weight = _boxes(
         x,
         offset,
@@ -72,17 +73,7 @@ def leaving_curves(
         drift,
         series.spread,
         speed,
-        bearing,
-        grid.around,
-        grid.lower,
-        grid.step,
-        cells.alpha,
-        cells.low,
-        cells.high,
-        cells.diagonal,
-        cells.cross,
-        cost.time,
-        cost.effort,
+        *known,
     )
     spent = np.zeros_like(rate)
     spent[:, 1:] = np.cumsum(rate[:, 1:] * np.diff(t_s), axis=1)
@@ -96,17 +87,7 @@ def leaving_curves(
         np.vstack([series.spread, series.spread]),
         series.spread,
         np.vstack([robot.velocity_limit_rad_s] * 2),
-        bearing,
-        grid.around,
-        grid.lower,
-        grid.step,
-        cells.alpha,
-        cells.low,
-        cells.high,
-        cells.diagonal,
-        cells.cross,
-        cost.time,
-        cost.effort,
+        *known,
     )
     return Curves(spent, weight, float(least[0, 1]))
 
@@ -123,25 +104,11 @@ def _least_form(a, b, c, u, w):  # type: ignore[no-untyped-def]
 
 @njit
 def _boxes(  # type: ignore[no-untyped-def]
-    x,
-    offset,
-    radius,
-    drift,
-    spread,
-    speed,
-    bearing,
-    around,
-    lower,
-    step,
-    alpha,
-    low,
-    high,
-    diagonal,
-    cross,
-    price_time,
-    price_effort,
+    x, offset, radius, drift, spread, speed, bearing, grid, cells, price_time, price_effort
 ):
     """rate (V, K+1) and usable diagonal (V, K+1, n) of the box of every node and time."""
+    around, lower, step = grid.around, grid.lower, grid.step
+    alpha, low, high, diagonal, cross = cells
     nodes, times, n = x.shape[0], radius.shape[0], diagonal.shape[2]
     counts = diagonal.shape[:2]
     first, second = bearing[0], bearing[1]

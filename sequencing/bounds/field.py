@@ -13,6 +13,7 @@ ingredients from below for all angles of the other joints.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +28,8 @@ MOST_CELLS = 48  # along one axis; wide limits get wider cells
 _CHUNK = 8
 
 
-@dataclass(frozen=True)
-class CellGrid:
-    """A grid over the limits of the bearing joints: `lower` (2,), `step` (2,), `count` (2,) cells.
+class CellGrid(NamedTuple):
+    """A grid over the limits of the bearing joints: `lower` (2,), `step` (2,), `counts` (2,) cells.
 
     Where the limits allow a full turn, the grid covers one turn and `around` (2,) is true.
     `points` (P, 2) are its nodes, row-major.
@@ -38,12 +38,12 @@ class CellGrid:
     around: npt.NDArray[np.bool_]
     lower: Array
     step: Array
-    count: tuple[int, int]
+    counts: tuple[int, int]
     points: Array
 
     def cells(self, nodal: Array) -> Array:
         """Nodal values (P, ...) as the four corners of every cell (4, A, B, ...)."""
-        a, b = self.count
+        a, b = self.counts
         table = nodal.reshape(a + 1, b + 1, *nodal.shape[1:])
         return np.stack([table[:-1, :-1], table[1:, :-1], table[:-1, 1:], table[1:, 1:]])
 
@@ -95,8 +95,8 @@ def lie_terms(series: ArmSeries, grid: CellGrid) -> LieTerms:
     fields = np.zeros((2, len(x), n, n))
     for field in (0, 1):
         fields[field][:, bearing[field], bearing] = slope[:, field, :]
-    mean = np.zeros((2, 4, *grid.count, n, n))
-    opened = np.zeros((2, *grid.count, n, n))
+    mean = np.zeros((2, 4, *grid.counts, n, n))
+    opened = np.zeros((2, *grid.counts, n, n))
     slack = np.zeros((2, n, n))
     for begin in range(0, len(series.mass), _CHUNK):
         part = series.mass[begin : begin + _CHUNK]
@@ -150,8 +150,7 @@ def _between(series: ArmSeries, grid: CellGrid, part: np.ndarray, field: int) ->
     return total
 
 
-@dataclass(frozen=True)
-class FieldCells:
+class FieldCells(NamedTuple):
     """The relaxed running cost of one reference torque on all cells.
 
     rate ≥ c_t + c_e Σ_l [(2α_l − α_l²) ĝ_l² + 2 α_l ĝ_l (g_l − ĝ_l)] + Σ_i d_i q̇_i² + 2 b q̇_a q̇_b

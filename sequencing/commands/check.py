@@ -7,7 +7,7 @@ from pathlib import Path
 from dmoc.errors import Fault
 from planning.station.build import available_stations, demo_station, load_station
 from planning.station.template import init_station
-from planning.welds.check import check_station
+from planning.welds.check import allow_always_near, check_station
 from sequencing.commands.console import CommandResult, Console, save_json
 
 
@@ -21,7 +21,9 @@ def run_check(
     console.show(f"{station}: {len(studs)} studs, tool on {data['flange']} of {data['robot']}")
     for row in studs:
         reason = f"  {row['reason']}" if row["reason"] else ""
-        console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{reason}")
+        depth = 1e3 * row["contact_depth_m"]
+        inside = f", shapes overlap by {depth:.2f} mm at the weld" if depth > 0.005 else ""
+        console.show(f"  {row['id']:<12} {row['alternatives']:>4} alternatives{inside}{reason}")
     for row in data.get("engines", ()):
         console.show(
             f"  engine {row['engine']:<5} {row['configurations']} configurations: at most "
@@ -53,6 +55,11 @@ def run_init(
     doubts = robot.description.warnings
     for doubt in doubts:
         console.say(f"warning: {doubt}")
+    for first, second, gap in allow_always_near(path):
+        console.say(
+            f"{first} and {second} are never apart (down to {1e3 * gap:.0f} mm): allowed, as two "
+            "parts that cannot really meet; look at them, and strike the line if they can"
+        )
     console.show(f"wrote {path}, the tool on {robot.flange}; next: dmoc check {path}")
     warnings = [doubt.to_dict() for doubt in doubts]
     return CommandResult({"station": str(path), "flange": robot.flange, "warnings": warnings})

@@ -102,6 +102,8 @@ def run_plan(
     """Plan, write the run folder, print the tables; exit 3 with reasons where there is no cycle."""
     began = time.perf_counter()
     station = open_station(station_name)
+    for doubt in station.robot.description.warnings:
+        console.say(f"warning: {doubt}")
     folder = out or Path("runs") / run_name(station.name)
     stop = PlanStop(
         conditional_gap=conditional_gap, max_evaluations=max_evaluations, coverage_edges=coverage
@@ -149,6 +151,7 @@ def headline(cycle: Cycle, wall_s: float, out: Path) -> dict[str, Any]:
     search, tables = cycle.search, cycle.tables
     return {
         "studs": len(cycle.welds),
+        "warnings": [doubt.to_dict() for doubt in cycle.station.robot.description.warnings],
         "configurations": cycle.configurations,
         "edges": {
             "total": search.edges_total,

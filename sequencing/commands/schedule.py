@@ -17,7 +17,10 @@ def run_schedule_command(console: Console, cell: str, seed: int, out: Path | Non
     embedded = Path(planning.__file__).parent / "stations" / cell / "cell.yaml"
     data = run_schedule(embedded if embedded.is_file() else cell, seed, progress=console.say)
     console.show(cases_table(data["cases"]))
-    console.show(f"best: {data['best']}, {number(data['energy_j'])} J")
+    console.show(
+        f"best: {data['best']}, {number(data['energy_j'])} J on the links; "
+        f"savings count from {data['baseline']}"
+    )
     for line in remarks(data):
         console.show(line)
     save_json(out, "schedule.json", data)
@@ -48,6 +51,9 @@ def remarks(data: dict[str, Any]) -> list[str]:
                 f"warning: {name} needs {100 * share['scheduled']:.0f} % of a joint's torque limit "
                 "as scheduled: slow its motions down or carry less"
             )
+    for name, tags in data["provenance"]["robot"].items():
+        if "drive" in tags:
+            lines.append(f"joules of {name} rest on its drive, {tags['drive']}")
     if data["status"] != Status.CONVERGED:
         lines.append(data["advice"])
     return lines
@@ -58,6 +64,8 @@ def cases_table(cases: list[dict[str, Any]]) -> str:
     rows = [
         [
             case["name"],
+            number(case["total_energy_j"]),
+            number(case["saving_with_base_percent"], 2),
             number(case["energy_j"]),
             number(case["saving_percent"], 2),
             number(case["duration_s"], 2),
@@ -66,5 +74,14 @@ def cases_table(cases: list[dict[str, Any]]) -> str:
         ]
         for case in cases
     ]
-    header = ("case", "energy J", "saving %", "duration s", "collisions", "CPU s")
+    header = (
+        "case",
+        "with base load J",
+        "saving %",
+        "links J",
+        "saving %",
+        "duration s",
+        "collisions",
+        "CPU s",
+    )
     return markdown_table(header, rows)

@@ -53,6 +53,8 @@ def run_solve(
     robot = load_robot(robot_name)
     if payload > 0:
         robot = robot.with_payload(payload)
+    for doubt in robot.description.warnings:
+        console.say(f"warning: {doubt}")
     problem = MotionProblem(
         robot,
         parse_vector(start, "start", robot.num_joints),
@@ -63,7 +65,8 @@ def run_solve(
     )
     began = time.process_time()
     motion = solve(problem, seed=seed)
-    data = _as_object(motion) | {"cpu_s": time.process_time() - began}
+    warnings = [doubt.to_dict() for doubt in robot.description.warnings]
+    data = _as_object(motion) | {"warnings": warnings, "cpu_s": time.process_time() - began}
     console.show(
         f"{motion.status.value}: cost {motion.cost:.6g}, duration {motion.duration_s:.4g} s, "
         f"{motion.iterations} iterations"

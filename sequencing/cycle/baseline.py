@@ -14,7 +14,7 @@ from dmoc.arrays import Array
 from planning.station.station import Station
 from sequencing import gtsp
 from sequencing.cycle_types import CycleCost
-from sequencing.edges.estimates import travel_time
+from sequencing.edges.estimates import least_time, travel_time
 from sequencing.edges.nodes import StationNodes
 from sequencing.edges.oracle import StationEdges
 
@@ -33,10 +33,12 @@ class TimedSequence:
     cost: CycleCost
 
 
-def time_costs(station: Station, nodes: StationNodes) -> Array:
-    """Approximate travel times (V, V) [s] between all nodes."""
+def time_costs(station: Station, nodes: StationNodes, accelerating: bool = False) -> Array:
+    """Approximate travel times (V, V) [s] between all nodes: the paper's max |Δq| / v, or
+    `accelerating` what speed and acceleration limits leave."""
     q = nodes.q_rad
-    return travel_time(station.robot, q[:, None, :], q[None, :, :])
+    time = least_time if accelerating else travel_time
+    return time(station.robot, q[:, None, :], q[None, :, :])
 
 
 def undirected(nodes: tuple[int, ...]) -> tuple[int, ...]:
@@ -53,7 +55,9 @@ def middle_place(count: int) -> int:
     return max(0, count - 1) // 2
 
 
-def time_based_sequences(oracle: StationEdges, count: int, seed: int) -> tuple[TimedSequence, ...]:
+def time_based_sequences(
+    oracle: StationEdges, count: int, seed: int, accelerating: bool = False
+) -> tuple[TimedSequence, ...]:
     """Different ones of `count` drawn sequences of (tied) least travel time, costed with solved
     motions, cheapest first.
 
@@ -61,7 +65,7 @@ def time_based_sequences(oracle: StationEdges, count: int, seed: int) -> tuple[T
     planner-in-the-loop sequencer does. Sequences that are not tied with the fastest are dropped.
     """
     station, nodes = oracle.station, oracle.nodes
-    times = time_costs(station, nodes)
+    times = time_costs(station, nodes, accelerating)
     found: dict[tuple[int, ...], TimedSequence] = {}
     for draw in range(count):
         rng = np.random.default_rng([seed, draw])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from dmoc.solving.solvers import DEFAULT_SOLVER, require_solver
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
-from planning.welds.check import check_home
+from planning.welds.check import check_home, contact_depth_m
 from planning.welds.poses import StudAlternatives
 from sequencing import gtsp
 from sequencing.cycle.baseline import TimedSequence, middle_place, time_based_sequences
@@ -173,7 +174,8 @@ def plan_station(
     search = _search(oracle, best, result, (factors, coverage))
     tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
     old = time_based_sequences(oracle, settings.baseline_draws, seed)
-    tables = _tables(oracle, found, best, old)
+    quick = time_based_sequences(oracle, 1, seed, accelerating=True) if old else ()
+    tables = _tables(oracle, found, best, old, quick)
     polished = None
     welds, motions = best.welds, best.motions
     if polish:
@@ -188,7 +190,9 @@ def plan_station(
         )
         travel = float(sum(item.motion.cost for item in motions))
         cost = CycleCost(travel, float(sum(weld.cost for weld in welds)))
-        tables = replace(tables, energy_based=cost)
+        times = (*tables.travel_s[:2], _travel_s(motions))
+        tables = replace(tables, energy_based=cost, travel_s=times)
+    welds = tuple(replace(w, contact_depth_m=contact_depth_m(world, w.q_rad)) for w in welds)
     tell(PlanEvent("done", best=best.tour.cost, reuse=oracle.reuse()))
     return Cycle(
         station=station,
@@ -394,20 +398,32 @@ def _tables(
     found: tuple[StudAlternatives, ...],
     best: _Executed,
     old: tuple[TimedSequence, ...],
+    quick: tuple[TimedSequence, ...],
 ) -> Tables:
     rows = []
     for item in found:
         welds = [alternative.weld_cost for alternative in item.alternatives]
         if welds:
             rows.append(StudRow(item.stud.id, len(welds), min(welds), max(welds)))
-    costs = sorted(
-        (_final_cost(oracle, sequence) for sequence in old), key=lambda cost: cost.total
-    ) or [best.cost]
-    totals = tuple(cost.total for cost in costs)
-    return Tables(tuple(rows), costs[middle_place(len(costs))], totals, best.cost)
+    new_s = _travel_s(best.motions)
+    final = sorted(
+        (_final(oracle, sequence) for sequence in old), key=lambda item: item[0].total
+    ) or [(best.cost, new_s)]
+    middle, old_s = final[middle_place(len(final))]
+    least, least_s = _final(oracle, quick[0]) if quick else (None, math.nan)
+    totals = tuple(cost.total for cost, _ in final)
+    return Tables(tuple(rows), middle, totals, best.cost, least, (old_s, least_s, new_s))
 
 
-def _final_cost(oracle: StationEdges, sequence: TimedSequence) -> CycleCost:
-    """The sequence with final motions; its screening cost where one of them is not certified."""
+def _final(oracle: StationEdges, sequence: TimedSequence) -> tuple[CycleCost, float]:
+    """Cost and travel time [s] of the sequence with final motions; its screening cost and NaN where
+    one of them is not certified."""
     executed, failed = execute(oracle, Tour(sequence.nodes, sequence.cost.total))
-    return sequence.cost if failed else executed.cost
+    if failed:
+        return sequence.cost, math.nan
+    return executed.cost, _travel_s(executed.motions)
+
+
+def _travel_s(motions: tuple[CycleMotion, ...]) -> float:
+    """How long the motions take [s]; welding is not among them."""
+    return float(sum(item.motion.duration_s for item in motions))

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from dmoc.arrays import Array
 from dmoc.motion.cost import Cost
@@ -17,6 +16,7 @@ from dmoc.robot.robot import Robot
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from sequencing.edges.learned import LearnedEstimate, edge_features, fit_estimate
+from sequencing.edges.line_torques import line_sums
 from sequencing.edges.nodes import StationNodes
 
 # Configurations of a straight line that are asked yes or no for the estimate's obstacle share.
@@ -26,6 +26,16 @@ LINE_SAMPLES = 6
 def travel_time(robot: Robot, start: Array, goal: Array) -> Array:
     """Approximate travel time max_j |Δq_j| / v_j (K,) [s] of rows start, goal (K, n)."""
     return np.max(np.abs(goal - start) / robot.velocity_limit_rad_s, axis=-1)
+
+
+def least_time(robot: Robot, start: Array, goal: Array) -> Array:
+    """Least time (K,) [s] from rest to rest of rows start, goal (K, n) that speed and acceleration
+    limits leave, the slowest joint alone: Δ/v + v/a, and 2 √(Δ/a) where v is never reached."""
+    distance = np.abs(goal - start)
+    speed, rate = robot.velocity_limit_rad_s, robot.acceleration_limit_rad_s2
+    cruising = distance / speed + speed / rate
+    short = 2.0 * np.sqrt(distance / rate)
+    return np.max(np.where(distance < speed**2 / rate, short, cruising), axis=-1)
 
 
 def quintic_quadrature() -> tuple[Array, Array, Array, Array]:
@@ -53,25 +63,17 @@ def straight_line(robot: Robot, cost: Cost, start: Array, goal: Array) -> Straig
     """Cost of the straight quintic motion between rows of start and goal (K, n), closed form in T.
 
     Along q(s) = q₀ + sΔq the torque is u = (M Δq s'' + C(q, Δq)Δq s'²)/T² + g, so the three
-    integrals of |g|², of the cross term and of the inertia term are evaluated once, by inverse
-    dynamics at Gauss–Legendre points. Torque limits are ignored, speed limits are kept.
+    integrals of |g|², of the cross term and of the inertia term are evaluated once, at
+    Gauss–Legendre points. Torque limits are ignored, speed limits are kept.
     """
     weights, s, first, second = quintic_quadrature()
     delta = goal - start
-    alpha = np.full(len(delta), cost.time)
+    rule = np.column_stack([weights, s, first, second])
+    held, mixed, inertial = line_sums(robot.model, start, goal, rule).T
+    alpha = cost.time + cost.effort * held
     beta = cost.velocity * np.sum(delta * delta, axis=1) * float(weights @ first**2)
-    gamma = np.zeros(len(delta))
-    model, data = robot.model, robot.model.createData()
-    zero = np.zeros(robot.num_joints)
-    effort = cost.effort
-    for k, (q0, dq) in enumerate(zip(start, delta)):
-        for w, sk, d1, d2 in zip(weights, s, first, second):
-            q = q0 + sk * dq
-            gravity = pin.rnea(model, data, q, zero, zero)
-            inertial = pin.rnea(model, data, q, d1 * dq, d2 * dq) - gravity
-            alpha[k] += effort * w * gravity.dot(gravity)
-            beta[k] += 2.0 * effort * w * inertial.dot(gravity)
-            gamma[k] += effort * w * inertial.dot(inertial)
+    beta += cost.effort * mixed
+    gamma = cost.effort * inertial
     squared = (beta + np.sqrt(beta**2 + 12.0 * alpha * gamma)) / (2.0 * alpha)
     least = np.max(np.abs(delta) / robot.velocity_limit_rad_s, axis=1) * 1.875
     duration = np.maximum(np.maximum(np.sqrt(np.maximum(squared, 0.0)), least), 1e-3)
@@ -111,11 +113,11 @@ class StationEstimates:
         self.features = edge_features(waypoints, gravity, pairs, parts, hits / LINE_SAMPLES)
 
     def fit(
-        self, rows: np.ndarray, cost: Array, held_rows: np.ndarray, held_cost: Array, seed: int
+        self, rows: np.ndarray, cost: Array, held_rows: np.ndarray, held_cost: Array
     ) -> LearnedEstimate:
         """Learn from the solved costs of `rows`, judged by those of `held_rows`."""
         rough = self.rough.cost
         judged = self.features[held_rows], rough[held_rows], held_cost
-        self.learned = fit_estimate(self.features[rows], rough[rows], cost, judged, seed)
+        self.learned = fit_estimate(self.features[rows], rough[rows], cost, judged)
         self.cost = self.learned.predict(self.features, rough)
         return self.learned

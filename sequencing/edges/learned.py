@@ -2,23 +2,24 @@
 
 It ranks edges well and scatters by a few percent; its spread on held-out edges is what a
 *conditional* gap may lean on. It is never a bound.
+
+The estimate decides which edges are solved, so it must be the same on every machine: sums are made
+in one order by our own kernels (`sequencing.edges.regression`), never by the BLAS of the day, and
+what libraries compute is rounded before it decides.
 """
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
-from sklearn.pipeline import Pipeline, make_pipeline
-from sklearn.preprocessing import StandardScaler
-from threadpoolctl import threadpool_limits
 
 from dmoc.arrays import Array
+from sequencing.edges.regression import GaussianProcess, fit_process
+
+# Digits that the last bits of a library's logarithm cannot reach.
+DIGITS = 9
 
 
 def edge_features(
@@ -38,7 +39,7 @@ def edge_features(
     lines = np.linalg.norm(waypoints[:, 1] - waypoints[:, 0], axis=1) + np.linalg.norm(
         waypoints[:, 3] - waypoints[:, 2], axis=1
     )
-    return np.column_stack(
+    columns = np.column_stack(
         [
             np.log(np.maximum(rough, 1e-9)),
             hits,
@@ -52,6 +53,7 @@ def edge_features(
             np.sum(a * b, axis=1),
         ]
     )
+    return np.round(columns, DIGITS)
 
 
 @dataclass(frozen=True)
@@ -62,15 +64,13 @@ class LearnedEstimate:
     states there: far from what it was fitted to it may err more, and says so.
     """
 
-    model: Pipeline
+    model: GaussianProcess
     held_out: Array
 
     def predict(self, features: Array, rough_cost: Array) -> Array:
         """Estimated J (K,) of edges with the straight-line cost `rough_cost` (K,)."""
-        if len(features) == 0:
-            return np.zeros(0)
-        with threadpool_limits(1):  # sums in one order, whatever the machine's BLAS would do
-            return rough_cost * np.exp(self.model.predict(features))
+        mean = self.model.predict(features)[0]
+        return np.round(rough_cost * np.exp(mean), DIGITS)
 
     def factors(self, features: Array, quantile: float) -> tuple[Array, float]:
         """(factors (K,), coverage): an edge costs at least its factor × its estimate.
@@ -86,9 +86,8 @@ class LearnedEstimate:
         if count == 0 or len(features) == 0:
             return np.zeros(len(features)), 1.0
         place = max(1, int(np.floor(quantile * (count + 1) + 1e-9)))
-        with threadpool_limits(1):
-            spread = self.model.predict(features, return_std=True)[1]
-        factors = np.minimum(1.0, np.exp(self.held_out[place - 1] * spread))
+        spread = self.model.predict(features)[1]
+        factors = np.round(np.minimum(1.0, np.exp(self.held_out[place - 1] * spread)), DIGITS)
         return factors, 1.0 - place / (count + 1)
 
 
@@ -103,7 +102,7 @@ def training_pairs(
     edges are drawn from all that are left. Small stations keep a quarter of the edges held out.
     """
     training = min(training, max(2, len(pairs) * 3 // 4))
-    order = np.argsort(rough_cost, kind="stable")
+    order = np.argsort(np.round(rough_cost, DIGITS), kind="stable")
     near = order[: max(training, len(pairs) // 10)]
     chosen = near[np.argsort(draw[near], kind="stable")][: training // 2]
     lots = np.argsort(draw, kind="stable")
@@ -114,31 +113,17 @@ def training_pairs(
 
 
 def fit_estimate(
-    features: Array, rough_cost: Array, cost: Array, held: tuple[Array, Array, Array], seed: int
+    features: Array, rough_cost: Array, cost: Array, held: tuple[Array, Array, Array]
 ) -> LearnedEstimate:
     """Fit log(J / straight-line) on solved edges; `held` are features, rough and true costs.
 
     Edges without a motion (inf) teach nothing about cost and are left out.
     """
     good = np.isfinite(cost)
-    # A rough and a smooth part: obstacles bend the cost on the scale of single edges, the arm's
-    # dynamics on the scale of the workspace.
-    kernel = (
-        ConstantKernel(0.05) * Matern(6.0, (0.5, 100.0), nu=2.5)
-        + ConstantKernel(0.1) * RBF(10.0)
-        + WhiteKernel(1e-4, (1e-6, 1e-2))
-    )
-    model = make_pipeline(
-        StandardScaler(), GaussianProcessRegressor(kernel, normalize_y=True, random_state=seed)
-    )
+    targets: Array = np.log(cost[good] / rough_cost[good])
+    model = fit_process(features[good], np.round(targets, DIGITS))
     held_features, held_rough, held_cost = held
     usable = np.isfinite(held_cost)
-    score = np.zeros(0)
-    with threadpool_limits(1), warnings.catch_warnings():
-        # A length scale at the end of its range is no fault: the spread is measured anyway.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        model.fit(features[good], np.log(cost[good] / rough_cost[good]))
-        if usable.any():
-            mean, spread = model.predict(held_features[usable], return_std=True)
-            score = np.sort((np.log(held_cost[usable] / held_rough[usable]) - mean) / spread)
-    return LearnedEstimate(model, score)
+    mean, spread = model.predict(held_features[usable])
+    score = (np.log(held_cost[usable] / held_rough[usable]) - mean) / spread
+    return LearnedEstimate(model, np.sort(np.round(score, DIGITS)))

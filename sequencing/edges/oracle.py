@@ -157,7 +157,7 @@ class StationEdges:
         self.num_training = len(fit)
         self.held_out = {self._canonical(i, j) for i, j in held}
         return self.estimates.fit(
-            self._rows(fit), solved[: len(fit)], self._rows(held), solved[len(fit) :], self.seed
+            self._rows(fit), solved[: len(fit)], self._rows(held), solved[len(fit) :]
         )
 
     def reuse(self) -> Reuse:

@@ -6,7 +6,6 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError
-from dmoc.motion.trajectory import JointTrajectory
 from sequencing.cycle.second_look import MotionLooks
 from sequencing.runs.folder import Run, station_of
 
@@ -28,117 +27,62 @@ def check_exportable(run: Run) -> None:
     with one fault per motion, joint and limit, or run-station where that station is gone.
     """
     faults: list[Fault] = []
-    file = str(run.folder)
+
+    def refuse(code: str, field: str, value: str, legal: str, fix: str) -> None:
+        faults.append(Fault(code, str(run.folder), field, value, legal, fix))
+
+    def check(
+        where: str,
+        name: str,
+        values: Array,
+        low: Array,
+        high: Array,
+        slack: Array | float,
+        t: Array,
+    ) -> None:
+        """One fault per joint that is outside, at the time where it is worst."""
+        excess = np.maximum(values - high, low - values) - slack
+        unit = name.split("_", 1)[1].replace("_", "/")
+        for j in np.flatnonzero(np.max(excess, axis=0) > 0):
+            row = int(np.argmax(excess[:, j]))
+            refuse(
+                "export-limit",
+                f"{where}.{name}[{j}]",
+                f"{values[row, j]:.6g} {unit} at {t[row]:.3f} s",
+                f"[{low[j]:.6g}, {high[j]:.6g}] {unit} ({run.joint_names[j]})",
+                "plan again with more intervals or with lower limits",
+            )
+
+    speed, torque = run.limit("velocity_limit_rad_s"), run.limit("torque_limit_nm")
+    angles = (run.limit("q_lower_rad"), run.limit("q_upper_rad"), POSITION_SLACK_RAD)
+    share = np.arange(_PER_INTERVAL) / _PER_INTERVAL
     look = run.result.get("second_look") or {}
     seen = look.get("contacts") == 0 and look.get("motions") == len(run.motions)
     looks = MotionLooks(station_of(run)) if run.planned and not seen else None
     for item in run.motions:
         where = f"motions.{item.key}"
-        trajectory = item.motion.trajectory
+        trajectory, status = item.motion.trajectory, item.motion.status
         if trajectory is None:
-            faults.append(
-                Fault(
-                    "export-motion",
-                    file=file,
-                    field=where,
-                    value=item.motion.status.value,
-                    legal="a motion with a trajectory",
-                    fix=item.motion.status.advice,
-                )
-            )
+            legal = "a motion with a trajectory"
+            refuse("export-motion", where, status.value, legal, status.advice)
             continue
         touch = None if looks is None else looks.touch(item)
         if item.motion.certified is False or touch is not None:
-            faults.append(
-                Fault(
-                    "export-uncertified",
-                    file=file,
-                    field=where,
-                    value="not certified" if touch is None else str(touch),
-                    legal="every motion certified free of collision between its knots",
-                    fix="plan again with more intervals or repair rounds, or another departure",
-                )
+            refuse(
+                "export-uncertified",
+                where,
+                "not certified" if touch is None else str(touch),
+                "every motion certified free of collision between its knots",
+                "plan again with more intervals or repair rounds, or another departure",
             )
-        faults += _limit_faults(run, where, trajectory)
+        t, h = trajectory.t_s, np.diff(trajectory.t_s)[:, None]
+        times = np.append((t[:-1, None] + h * share).ravel(), t[-1])
+        q, v, *_ = trajectory.on(None).sample(times)
+        check(where, "q_rad", q, *angles, times)
+        check(where, "velocity_rad_s", v, -speed, speed, SPEED_SLACK * speed, times)
+        torques = (-torque, torque, TORQUE_SLACK * torque)
+        check(where, "torque_nm", trajectory.torque_nm, *torques, t[:-1])
     for number, weld in enumerate(run.welds):
-        faults += _outside(
-            run,
-            f"welds[{number}]",
-            "q_rad",
-            weld.q_rad[None],
-            run.limit("q_lower_rad"),
-            run.limit("q_upper_rad"),
-            POSITION_SLACK_RAD,
-            np.zeros(1),
-        )
+        check(f"welds[{number}]", "q_rad", weld.q_rad[None], *angles, np.zeros(1))
     if faults:
         raise InputError(faults)
-
-
-def _limit_faults(run: Run, where: str, trajectory: JointTrajectory) -> list[Fault]:
-    share = np.arange(_PER_INTERVAL) / _PER_INTERVAL
-    h = np.diff(trajectory.t_s)[:, None]
-    times = np.append((trajectory.t_s[:-1, None] + h * share).ravel(), trajectory.t_s[-1])
-    sample = trajectory.on(None).sample(times)
-    speed, torque = run.limit("velocity_limit_rad_s"), run.limit("torque_limit_nm")
-    return [
-        *_outside(
-            run,
-            where,
-            "q_rad",
-            sample.q_rad,
-            run.limit("q_lower_rad"),
-            run.limit("q_upper_rad"),
-            POSITION_SLACK_RAD,
-            times,
-        ),
-        *_outside(
-            run,
-            where,
-            "velocity_rad_s",
-            sample.velocity_rad_s,
-            -speed,
-            speed,
-            SPEED_SLACK * speed,
-            times,
-        ),
-        *_outside(
-            run,
-            where,
-            "torque_nm",
-            trajectory.torque_nm,
-            -torque,
-            torque,
-            TORQUE_SLACK * torque,
-            trajectory.t_s[:-1],
-        ),
-    ]
-
-
-def _outside(
-    run: Run,
-    where: str,
-    name: str,
-    values: Array,
-    low: Array,
-    high: Array,
-    slack: Array | float,
-    times: Array,
-) -> list[Fault]:
-    """One fault per joint that is outside, at the time where it is worst."""
-    excess = np.maximum(values - high, low - values) - slack
-    faults = []
-    for j in np.flatnonzero(np.max(excess, axis=0) > 0):
-        row = int(np.argmax(excess[:, j]))
-        unit = name.rsplit("_", 1)[0] and name.split("_", 1)[1].replace("_", "/")
-        faults.append(
-            Fault(
-                "export-limit",
-                file=str(run.folder),
-                field=f"{where}.{name}[{j}]",
-                value=f"{values[row, j]:.6g} {unit} at {times[row]:.3f} s",
-                legal=f"[{low[j]:.6g}, {high[j]:.6g}] {unit} ({run.joint_names[j]})",
-                fix="plan again with more intervals or with lower limits",
-            )
-        )
-    return faults

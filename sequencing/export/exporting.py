@@ -17,8 +17,6 @@ from sequencing.export.wording import POINT_TO_POINT, STREAMED, program_name
 from sequencing.runs.archive import write_atomic
 from sequencing.runs.folder import Run
 
-Texts = tuple[dict[str, str], float | None]
-
 
 @dataclass(frozen=True)
 class Export:
@@ -35,43 +33,15 @@ class Export:
     max_deviation_rad: float | None
 
 
-def _urscript(run: Run, step_s: float | None) -> Texts:
-    text, deviation = urscript_program(run, 0.008 if step_s is None else step_s)
-    return {f"{program_name(run.name, 'URScript')}.script": text}, deviation
-
-
-def _rtde(run: Run, step_s: float | None) -> Texts:
-    text, deviation = rtde_log(run, 0.008 if step_s is None else step_s)
-    return {f"{_stem(run)}.rtde.csv": text}, deviation
-
-
-def _csv(run: Run, step_s: float | None) -> Texts:
-    text, deviation = csv_log(run, 0.01 if step_s is None else step_s)
-    return {f"{_stem(run)}.csv": text}, deviation
-
-
-def _ros(run: Run, step_s: float | None) -> Texts:
-    return ros_files(run), 0.0
-
-
-def _rapid(run: Run, step_s: float | None) -> Texts:
-    return {f"{program_name(run.name, 'RAPID')}.mod": rapid_program(run)}, None
-
-
-def _krl(run: Run, step_s: float | None) -> Texts:
-    return {f"{program_name(run.name, 'KRL')}.src": krl_program(run)}, None
-
-
-_WRITERS: dict[str, Callable[[Run, float | None], Texts]] = {
-    "csv": _csv,
-    "krl": _krl,
-    "rapid": _rapid,
-    "ros": _ros,
-    "rtde": _rtde,
-    "urscript": _urscript,
+# Format: end of the file's name, and the writer of its text and deviation with the default step.
+_STREAMS: dict[str, tuple[str, Callable[[Run, float], tuple[str, float]], float]] = {
+    "csv": (".csv", csv_log, 0.01),
+    "rtde": (".rtde.csv", rtde_log, 0.008),
+    "urscript": (".script", urscript_program, 0.008),
 }
+_PROGRAMS = {"krl": (".src", krl_program), "rapid": (".mod", rapid_program)}
 _STATEMENTS = {"krl": POINT_TO_POINT, "rapid": POINT_TO_POINT, "ros": ROS_STATEMENT}
-EXPORT_FORMATS = tuple(sorted(_WRITERS))
+EXPORT_FORMATS = tuple(sorted([*_STREAMS, *_PROGRAMS, "ros"]))
 
 
 def export_run(run: Run, format: str, out: Path | str, step_s: float | None = None) -> Export:
@@ -85,7 +55,7 @@ def export_run(run: Run, format: str, out: Path | str, step_s: float | None = No
     Errors: `InputError` with export-format, export-step, export-limit, export-uncertified,
     export-motion or export-joints; nothing is written then.
     """
-    if format not in _WRITERS:
+    if format not in EXPORT_FORMATS:
         raise InputError.of(
             "export-format",
             field="format",
@@ -102,7 +72,7 @@ def export_run(run: Run, format: str, out: Path | str, step_s: float | None = No
             fix="UR controllers take 0.002 or 0.008 s",
         )
     check_exportable(run)
-    files, deviation = _WRITERS[format](run, step_s)
+    files, deviation = _texts(run, format, step_s)
     paths = []
     for name, text in files.items():
         paths.append(Path(out) / name)
@@ -111,5 +81,17 @@ def export_run(run: Run, format: str, out: Path | str, step_s: float | None = No
     return Export(format, tuple(paths), statement, deviation)
 
 
-def _stem(run: Run) -> str:
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in run.name) or "run"
+def _texts(run: Run, format: str, step_s: float | None) -> tuple[dict[str, str], float | None]:
+    """Text by file name, and the deviation where it is known."""
+    if format == "ros":
+        return ros_files(run), 0.0
+    language = {"krl": "KRL", "rapid": "RAPID", "urscript": "URScript"}.get(format)
+    stem = "".join(c if c.isalnum() or c in "-_" else "_" for c in run.name) or "run"
+    if language:
+        stem = program_name(run.name, language)
+    if format in _PROGRAMS:
+        suffix, program = _PROGRAMS[format]
+        return {stem + suffix: program(run)}, None
+    suffix, stream, usual_s = _STREAMS[format]
+    text, deviation = stream(run, usual_s if step_s is None else step_s)
+    return {stem + suffix: text}, deviation

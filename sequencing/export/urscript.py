@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from sequencing.cycle_types import Weld
+from dmoc.motion.trajectory import JointTrajectory
 from sequencing.export.wording import (
     STREAMED,
-    ascii_text,
     header_lines,
+    point_to_point,
     program_name,
     sampled,
     six_joints,
-    steps,
-    title,
 )
 from sequencing.runs.folder import Run
 
@@ -23,29 +21,23 @@ def urscript_program(run: Run, step_s: float) -> tuple[str, float]:
     """The program and its largest deviation [rad] from the plan, streamed every `step_s`."""
     six_joints(run, "URScript")
     name = program_name(run.name, "URScript")
-    body, worst, first = [], 0.0, True
-    for step in steps(run):
-        if isinstance(step, Weld):
-            if first:
-                body.append(f"  movej({_vector(step.q_rad)}, a=0.5, v=0.3)  # go to the start")
-            body += [
-                f"  # weld {ascii_text(step.stud)}: start the process here",
-                f"  sleep({step.time_s:.6f})",
-            ]
-            first = False
-            continue
-        item, trajectory = step
+    command = f", t={step_s:g}, lookahead_time={_LOOKAHEAD_S:g}, gain={_GAIN})"
+    deviations = [0.0]
+
+    def moves(trajectory: JointTrajectory) -> list[str]:
         points, deviation = sampled(trajectory, step_s)
-        worst = max(worst, deviation)
-        if first:
-            body.append(f"  movej({_vector(trajectory.q_rad[0])}, a=0.5, v=0.3)  # go to the start")
-        first = False
-        body.append(f"  # motion {title(item)}")
-        body += [
-            f"  servoj({_vector(q)}, t={step_s:g}, lookahead_time={_LOOKAHEAD_S:g}, gain={_GAIN})"
-            for q in points
-        ]
-        body += [f"  # end {item.key}", "  stopj(2.0)"]
+        deviations.append(deviation)
+        return [f"  servoj({_vector(q)}{command}" for q in points]
+
+    body = point_to_point(
+        run,
+        "  #",
+        lambda q: f"  movej({_vector(q)}, a=0.5, v=0.3)  # go to the start",
+        moves,
+        "  sleep({:.6f})",
+        after=["  stopj(2.0)"],
+    )
+    worst = max(deviations)
     head = [f"# {line}" for line in header_lines(run, STREAMED)]
     head.append(
         f"# Sampled every {1000 * step_s:g} ms: straight lines between the points deviate from the "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -136,11 +136,12 @@ def point_to_point(
     first_move: Callable[[Array], str],
     moves: Callable[..., list[str]],
     wait: str,
+    after: Sequence[str] = (),
 ) -> list[str]:
     """Body of a program of single moves: to the first pose, then motions and welds in order.
 
     `first_move` writes the move to a pose, `moves` those along a trajectory; `comment` begins a
-    comment, and `wait` takes the weld's seconds.
+    comment, `wait` takes the weld's seconds, and `after` follows every motion.
     """
     body: list[str] = []
     for step in steps(run):
@@ -156,6 +157,7 @@ def point_to_point(
         if not body:
             body.append(first_move(trajectory.q_rad[0]))
         body += [f"{comment} motion {title(item)}", *moves(trajectory), f"{comment} end {item.key}"]
+        body += after
     return body
 
 

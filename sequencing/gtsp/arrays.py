@@ -33,7 +33,7 @@ def below(state, n):  # type: ignore[no-untyped-def]
     return min(int(uniform(state) * n), n - 1)
 
 
-class Tables(NamedTuple):
+class FormTables(NamedTuple):
     """Parts of the normal form, and turned (N, N) costᵀ; into (M, N) least cost from a node into a
     cluster; outof (M, N) least cost from a cluster into a node; near (M, K) clusters by least
     distance."""
@@ -55,7 +55,7 @@ class Arrays:
     """A normal form, its tables, and a typical edge of a good tour as the scale."""
 
     form: NormalForm
-    tables: Tables
+    tables: FormTables
     scale: float
 
 
@@ -75,7 +75,7 @@ def prepare(form: NormalForm) -> Arrays:
     nearest = between.min(axis=1)
     nearest = nearest[nearest < form.penalty / 2]
     scale = float(np.abs(nearest).mean()) if nearest.size else 1.0
-    tables = Tables(
+    tables = FormTables(
         cost,
         np.ascontiguousarray(cost.T),
         np.ascontiguousarray(into.T),

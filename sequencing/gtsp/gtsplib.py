@@ -34,23 +34,20 @@ def _differences(xyz: np.ndarray) -> np.ndarray:
     return np.abs(xyz[:, None, :] - xyz[None, :, :])
 
 
-def euclidean(xyz: np.ndarray) -> np.ndarray:
-    """EUC_2D and EUC_3D: rounded Euclidean distance."""
-    return _nint(np.sqrt((_differences(xyz) ** 2).sum(axis=2)))
+def _straight(xyz: np.ndarray) -> np.ndarray:
+    return np.sqrt((_differences(xyz) ** 2).sum(axis=2))
 
 
-def ceiling(xyz: np.ndarray) -> np.ndarray:
-    """CEIL_2D: Euclidean distance rounded up."""
-    return np.ceil(np.sqrt((_differences(xyz) ** 2).sum(axis=2)))
+def _euclidean(xyz: np.ndarray) -> np.ndarray:
+    return _nint(_straight(xyz))
 
 
-def manhattan(xyz: np.ndarray) -> np.ndarray:
-    """MAN_2D and MAN_3D."""
+def _manhattan(xyz: np.ndarray) -> np.ndarray:
     return _nint(_differences(xyz).sum(axis=2))
 
 
-def maximum(xyz: np.ndarray) -> np.ndarray:
-    """MAX_2D and MAX_3D: the largest of the rounded coordinate differences."""
+def _maximum(xyz: np.ndarray) -> np.ndarray:
+    """The largest of the rounded coordinate differences."""
     return _nint(_differences(xyz)).max(axis=2)
 
 
@@ -74,35 +71,31 @@ def geographical(xyz: np.ndarray) -> np.ndarray:
     return np.trunc(6378.388 * np.arccos(np.clip(argument, -1.0, 1.0)) + 1.0)
 
 
-def crystallography_1(xyz: np.ndarray) -> np.ndarray:
-    """XRAY1: time of the slowest motor of a diffractometer, in hundredths."""
-    return _nint(100.0 * _motor_times(xyz, 1.0, 1.0, 1.0))
+def _crystallography(phi: float, chi: float, theta: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Time of the slowest motor of a diffractometer, in hundredths."""
 
+    def distance(xyz: np.ndarray) -> np.ndarray:
+        delta = _differences(xyz)
+        turn = np.minimum(delta[:, :, 0], np.abs(delta[:, :, 0] - 360.0))
+        times = np.maximum(np.maximum(turn / phi, delta[:, :, 1] / chi), delta[:, :, 2] / theta)
+        return _nint(100.0 * times)
 
-def crystallography_2(xyz: np.ndarray) -> np.ndarray:
-    """XRAY2: as XRAY1 with other motor speeds."""
-    return _nint(100.0 * _motor_times(xyz, 1.25, 1.5, 1.15))
-
-
-def _motor_times(xyz: np.ndarray, phi: float, chi: float, theta: float) -> np.ndarray:
-    delta = _differences(xyz)
-    turn = np.minimum(delta[:, :, 0], np.abs(delta[:, :, 0] - 360.0))
-    return np.maximum(np.maximum(turn / phi, delta[:, :, 1] / chi), delta[:, :, 2] / theta)
+    return distance
 
 
 # EDGE_WEIGHT_TYPE: (number of coordinates, distance)
 METRICS: dict[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
-    "EUC_2D": (2, euclidean),
-    "EUC_3D": (3, euclidean),
-    "MAX_2D": (2, maximum),
-    "MAX_3D": (3, maximum),
-    "MAN_2D": (2, manhattan),
-    "MAN_3D": (3, manhattan),
-    "CEIL_2D": (2, ceiling),
+    "EUC_2D": (2, _euclidean),
+    "EUC_3D": (3, _euclidean),
+    "MAX_2D": (2, _maximum),
+    "MAX_3D": (3, _maximum),
+    "MAN_2D": (2, _manhattan),
+    "MAN_3D": (3, _manhattan),
+    "CEIL_2D": (2, lambda xyz: np.ceil(_straight(xyz))),
     "GEO": (2, geographical),
     "ATT": (2, pseudo_euclidean),
-    "XRAY1": (3, crystallography_1),
-    "XRAY2": (3, crystallography_2),
+    "XRAY1": (3, _crystallography(1.0, 1.0, 1.0)),
+    "XRAY2": (3, _crystallography(1.25, 1.5, 1.15)),
 }
 
 

@@ -42,7 +42,6 @@ class NormalForm:
     before: np.ndarray
     penalty: float
     whole: bool
-    symmetric: bool
     empty: bool
 
     @property
@@ -146,7 +145,6 @@ def normal_form(problem: GtspProblem) -> NormalForm:
         before=closure(pairs, len(groups)),
         penalty=penalty,
         whole=bool((finite == np.rint(finite)).all() and (weights == np.rint(weights)).all()),
-        symmetric=bool(np.array_equal(cost, cost.T)),
         empty=empty,
     )
 

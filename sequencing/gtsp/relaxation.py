@@ -82,12 +82,12 @@ class Relaxation:
             return
         self.phases += 1
         steps = max(4, min(steps, PHASE_WORK // max(self._work(), 1)))
-        self._memory_tables()
+        self.fill_memory()
         path = np.zeros(self.m, dtype=np.int64)
         top = [-math.inf]
 
         def evaluate(lam: np.ndarray) -> tuple[float, np.ndarray]:
-            price, leave = self._backward(lam)
+            price, leave = self.backward(lam)
             value = ng_trace(self.arcs, price, leave, self.ptr, self.tables, self.togo, path)
             if value == math.inf:
                 return math.inf, np.ones(self.m, dtype=np.int64)
@@ -121,10 +121,6 @@ class Relaxation:
             self.memory = before
         return self.memory != before
 
-    def completion(self) -> tuple[np.ndarray, np.ndarray]:
-        """Costs with the best multipliers, and the cost-to-go table of all states."""
-        return self._backward(self.lam)
-
     @property
     def limit(self) -> float:
         """The cut in terms of costs with multipliers."""
@@ -155,7 +151,7 @@ class Relaxation:
         walk_forward(cost, leave, self.ptr, self.early, self.late, forward)
         return cost, leave, forward
 
-    def _backward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def backward(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Arc costs and first costs with multipliers; fills the cost-to-go table."""
         _, leave, forward = self._forward(lam)
         price = self.length - lam[self.arcs.group]
@@ -175,7 +171,7 @@ class Relaxation:
         """States (node, memory) of the ng relaxation at one position."""
         return int(sum(int(s) << len(n) for s, n in zip(np.diff(self.ptr), self.memory)))
 
-    def _memory_tables(self) -> None:
+    def fill_memory(self) -> None:
         widest = max((len(n) for n in self.memory), default=0)
         bits = np.array([len(n) for n in self.memory], dtype=np.int64)
         members = np.zeros((self.m, max(widest, 1)), dtype=np.int64)
@@ -239,7 +235,7 @@ class Relaxation:
         self._keep((forward + rest)[1:].min(axis=0) < self.limit)
 
     def _drop_by_ng(self) -> None:
-        price, leave = self._backward(self.lam)
+        price, leave = self.backward(self.lam)
         through = np.empty_like(price)
         first = np.empty_like(leave)
         known = (self.arcs, price, leave, self.ptr, self.tables, self.togo)

@@ -62,6 +62,8 @@ def walk_forward(cost, leave, ptr, early, late, out):  # type: ignore[no-untyped
                 if length == np.inf:
                     continue
                 row = cost[u]
+                # Over all nodes without asking where they may stand: a loop without branches is
+                # vectorised, and what stands too early or too late is crossed out afterwards.
                 for v in range(n):
                     value = length + row[v]
                     there[v] = value if value < there[v] else there[v]
@@ -197,6 +199,7 @@ def ng_backward(  # type: ignore[no-untyped-def]
                 count = 0
                 for b in range(bits[h]):
                     count += (memory >> b) & 1
+                # Before position k there were k − 1 visits: more cannot be remembered.
                 if count > k - 1:
                     continue
                 row = offset[h] + memory * size - ptr[h]
@@ -228,7 +231,7 @@ def ng_trace(arcs, price, leave, ptr, memories, togo, path):  # type: ignore[no-
                 best, at, of = value, v, g
     if at < 0:
         return best
-    memory = 0
+    memory = 0  # a walk begins remembering nothing
     for k in range(1, m + 1):
         path[k - 1] = of
         if k == m:
@@ -242,7 +245,7 @@ def ng_trace(arcs, price, leave, ptr, memories, togo, path):  # type: ignore[no-
             if value < least:
                 least, next_at, next_of, place = value, to[a], group[a], spot
         at, of = next_at, next_of
-        memory = (place - offset[of]) // (ptr[of + 1] - ptr[of])
+        memory = (place - offset[of]) // (ptr[of + 1] - ptr[of])  # the row says it, see above
     return best
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +26,12 @@ class Triangles:
     faces: npt.NDArray[np.int64]
     colour: Colour = _PLAIN
 
+    def moved(self, pose: Array) -> Triangles:
+        """The same in another frame, by `pose` (4, 4)."""
+        move = np.asarray(pose)
+        vertices = np.asarray(self.vertices_m) @ move[:3, :3].T + move[:3, 3]
+        return Triangles(self.name, vertices, np.asarray(self.faces, dtype=np.int64), self.colour)
+
 
 def shape_triangles(name: str, shape: Shape, colour: Colour = _PLAIN) -> Triangles:
     """Triangles of a shape in its body's frame."""
@@ -43,14 +48,14 @@ def shape_triangles(name: str, shape: Shape, colour: Colour = _PLAIN) -> Triangl
         mesh = trimesh.Trimesh(shape.vertices_m, shape.faces, process=False)
     else:
         mesh = trimesh.convex.convex_hull(np.array(shape.vertices_m))
-    return _moved(name, mesh, shape.pose, colour)
+    return Triangles(name, mesh.vertices, mesh.faces, colour).moved(shape.pose)
 
 
 def body_triangles(body: Body, colour: Colour = _PLAIN) -> list[Triangles]:
     """Triangles of a body in its parent's frame: its mesh where it has one, else its shapes."""
     shapes = (body.mesh,) if body.mesh is not None else body.shapes
     return [
-        _posed(shape_triangles(f"{body.name}/{number}", shape, colour), body.pose)
+        shape_triangles(f"{body.name}/{number}", shape, colour).moved(body.pose)
         for number, shape in enumerate(shapes)
     ]
 
@@ -88,13 +93,3 @@ def _placed(name: str, item: PlacedShape, robot: Robot) -> Triangles:
     else:
         shape = Shape(SOLIDS[item.shape.kind], item.shape.size_m, pose=pose)
     return shape_triangles(name, shape, (red, green, blue))
-
-
-def _moved(name: str, mesh: Any, pose: Array, colour: Colour) -> Triangles:
-    vertices = np.asarray(mesh.vertices) @ np.asarray(pose)[:3, :3].T + np.asarray(pose)[:3, 3]
-    return Triangles(name, vertices, np.asarray(mesh.faces, dtype=np.int64), colour)
-
-
-def _posed(triangles: Triangles, pose: Array) -> Triangles:
-    moved = triangles.vertices_m @ pose[:3, :3].T + pose[:3, 3]
-    return Triangles(triangles.name, moved, triangles.faces, triangles.colour)

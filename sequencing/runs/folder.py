@@ -266,7 +266,14 @@ def read_run(folder: Path | str, robot: Robot | None = None) -> Run:
             note = f"robot {robot.name} is not the one that the run was planned with"
         motions = tuple(_motion_of(entry, archive, robot) for entry in result["motions"])
         welds = tuple(
-            Weld(w["stud"], int(w["alternative"]), w["q_rad"], w["cost"], w["time_s"])
+            Weld(
+                w["stud"],
+                int(w["alternative"]),
+                w["q_rad"],
+                w["cost"],
+                w["time_s"],
+                w.get("contact_depth_m", 0.0),
+            )
             for w in result["welds"]
         )
     except (KeyError, TypeError, ValueError) as error:

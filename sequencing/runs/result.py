@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -75,7 +76,6 @@ _PACKAGES = (
     "ompl",
     "pin",
     "python-fcl",
-    "scikit-learn",
     "scipy",
     "toppra",
     "trimesh",
@@ -188,6 +188,7 @@ def result_of(cycle: Cycle, files: Mapping[str, str]) -> RunResult:
                 "q_rad": weld.q_rad.tolist(),
                 "cost": weld.cost,
                 "time_s": weld.time_s,
+                "contact_depth_m": weld.contact_depth_m,
             }
             for weld in cycle.welds
         ],
@@ -234,6 +235,7 @@ def robot_entry(robot: Robot) -> dict[str, Any]:
             "tip_quaternion_xyzw": tool.tip_quaternion_xyzw.tolist(),
         },
         "provenance": dict(sorted(robot.provenance.items())),
+        "warnings": [doubt.to_dict() for doubt in robot.description.warnings],
     }
 
 
@@ -280,4 +282,10 @@ def tables_entry(tables: Tables) -> dict[str, Any]:
         "time_based_totals": list(tables.time_based_totals),
         "energy_based": tables.energy_based.to_dict(),
         "saving_percent": tables.saving_percent,
+        "least_time": None if tables.least_time is None else tables.least_time.to_dict(),
+        "saving_against_least_time_percent": tables.saving_against_least_time_percent,
+        "travel_s": {
+            name: value if math.isfinite(value) else None
+            for name, value in zip(("old", "least_time", "new"), tables.travel_s, strict=True)
+        },
     }

@@ -59,6 +59,14 @@ def headline(result: Result) -> str:
         f"({search['edges_training']} to fit the estimate, {search['edges_held_out']} held out to "
         f"judge it), {search['edges_failed']} without a motion.\n\n{gaps(search)}"
     )
+    deep = [(w.get("contact_depth_m", 0.0), named(w["stud"])) for w in result["welds"]]
+    if deep and max(deep)[0] > 5e-6:
+        depth, stud = max(deep)
+        text += (
+            f"\n\nAt the weld poses the collision shapes of tool and part overlap by up to "
+            f"{1e3 * depth:.2f} mm ({stud}); {sum(d > 5e-6 for d, _ in deep)} of {len(deep)} "
+            "poses overlap."
+        )
     polish = result.get("polish")
     if polish is not None:
         text += (
@@ -139,10 +147,9 @@ def table_2(result: Result) -> str:
         ["new sequence (optimal control)", *(number(new[key]) for key in parts)],
         ["saving %", *(number(x) for x in savings)],
     ]
-    totals = tables["time_based_totals"]
-    spread = ""
+    totals, spread = tables["time_based_totals"], _against_least_time(tables)
     if len(totals) > 1:
-        spread = (
+        spread += (
             f" Sequences of least time tie: of {len(totals)} such sequences the totals range from "
             f"{number(min(totals))} to {number(max(totals))}; the table shows the median "
             "one (of an even number the cheaper of the middle two)."
@@ -150,6 +157,24 @@ def table_2(result: Result) -> str:
     return (
         markdown_table(["", *parts], rows)
         + f"\n\nThe saving depends on the station and on the old sequence.{spread}"
+    )
+
+
+def _against_least_time(tables: Result) -> str:
+    """What acceleration limits make of the comparison; older runs do not have it."""
+    least, seconds = tables.get("least_time"), tables.get("travel_s")
+    if not least or not seconds:
+        return ""
+    times = ", ".join(
+        f"{name} {number(seconds[key], 2)} s"
+        for name, key in (("old", "old"), ("least-time", "least_time"), ("new", "new"))
+        if seconds[key] is not None
+    )
+    return (
+        " Its travel time, max |Δq| / v, ignores acceleration. A sequence of least time under "
+        f"speed and acceleration limits costs {number(least['total'])}: against it the saving is "
+        f"{number(tables['saving_against_least_time_percent'])} %. Travel times of the final "
+        f"motions: {times}."
     )
 
 
@@ -220,6 +245,12 @@ def provenance_text(result: Result) -> str:
     tags = result["robot"]["provenance"]
     assumed = sorted(key for key, tag in tags.items() if tag == "assumed")
     known = sorted(key for key, tag in tags.items() if tag != "assumed")
+    # Runs of older versions name no warnings.
+    doubts = [
+        f"- warning {doubt['code']}, {named(doubt['field'])}: {named(doubt['value'])}; "
+        f"{named(doubt['fix'])}"
+        for doubt in result["robot"].get("warnings", ())
+    ]
     lines = [f"Robot {named(result['robot']['name'])}."]
     if assumed:
         lines.append(
@@ -230,7 +261,7 @@ def provenance_text(result: Result) -> str:
         )
     if not tags:
         lines.append("The robot file tags none of its values: treat all of them as assumed.")
-    lines += [f"- {named(key)}: {named(tags[key])}" for key in known]
+    lines += [f"- {named(key)}: {named(tags[key])}" for key in known] + doubts
     return "\n".join(
         [
             " ".join(lines[: 2 if assumed or not tags else 1]),

@@ -42,13 +42,15 @@ class Case:
 
     `energy_j` is grid energy for the links, `total_j` with constant consumers; `collisions` counts
     the separate stretches of time in which two robots overlap or cannot be proven apart (exact
-    solids, continuous time); `saving_percent` is relative to as-fast-as-possible.
+    solids, continuous time). Savings are relative to the schedule's baseline: of `total_j`, and of
+    `energy_j` alone.
     """
 
     name: str
     timing: Timing
     energy_j: float
     total_j: float
+    saving_with_base_percent: float
     saving_percent: float
     collisions: int
     contacts: tuple[str, ...]
@@ -65,7 +67,8 @@ class Schedule:
     if a path meets the part or fixtures of another robot's station (`fixture_contacts`), which no
     timing mends. `order` is what the first level chose, None where windows cannot be used.
     `torque_share` (R, 2) is each robot's largest joint torque over its limit, at full speed and as
-    scheduled, with payloads and wrenches.
+    scheduled, with payloads and wrenches. Savings count from the case `baseline`: the first at full
+    speed without collision of `free-running`, `as-fast-as-possible` and `separated`.
     """
 
     cell: Cell
@@ -77,6 +80,7 @@ class Schedule:
     energy_j: float
     status: Status
     best: str
+    baseline: str
     cases: tuple[Case, ...]
     preparation_cpu_s: float
     windows: Windows | None
@@ -95,10 +99,13 @@ def schedule(
     """Time `cell`: baselines, window by window, all at once; every answer is checked afresh.
 
     Cases: `as-fast-as-possible`, `stretched`, `windows-no-collision`, `windows`,
-    `general-no-collision`, `general` (the window cases only where windows fit). Where the fast
-    baseline itself collides, robots first wait for each other (`separated`). Where the first level
-    finds other windows, or another order of the jobs, that promise less energy in the same time:
-    `order` (those windows, timed with collisions) and `order-general` (all at once from there).
+    `general-no-collision`, `general` (the window cases only where windows fit; there
+    as-fast-as-possible stops all robots at the end of each window, and `free-running` and
+    `free-running-stretched` are the same two without that stop, with the same end of the process).
+    Where as-fast-as-possible itself collides, robots first wait for each other (`separated`). Where
+    the first level finds other windows, or another order of the jobs, that promise less energy in
+    the same time: `order` (those windows, timed with collisions) and `order-general` (all at once
+    from there).
     """
     say = progress or (lambda _: None)
     begin = time.process_time()
@@ -113,12 +120,16 @@ def schedule(
         start = time.process_time()
         timing = make()
         spent = time.process_time() - start
-        cases.append(_case(prepared, name, timing, cases[0].energy_j if cases else None, spent))
+        cases.append(_case(prepared, name, timing, spent))
         return timing
 
+    if windows is not None:
+        end = float(windows.edges_s[-1])
+        add("free-running", lambda: fast_timing(prepared, None, end))
+        add("free-running-stretched", lambda: stretched_timing(prepared, None, end))
     fast = add("as-fast-as-possible", lambda: fast_timing(prepared, windows))
-    safe, safe_case = fast, cases[0]
-    if cases[0].collisions:
+    safe, safe_case = fast, cases[-1]
+    if safe_case.collisions:
         safe = add("separated", lambda: separated_timing(prepared, geometry, fast))
         safe_case = cases[-1]
     total = safe.total_s
@@ -151,6 +162,8 @@ def schedule(
         add("general", lambda: general_timing(prepared, safe, seed, geometry, others))
     if level is not None and ordered is not None and ordered_case.collisions == 0:
         add("order-general", lambda: _general_in_order(prepared, level, ordered, seed))
+    baseline = _baseline(cases)
+    cases = [_with_savings(case, baseline) for case in cases]
     allowed = [case for case in cases if case.collisions == 0]
     # Among equals one that was made with the collision check.
     best = min(
@@ -170,6 +183,7 @@ def schedule(
         best.energy_j,
         Status.CONVERGED if allowed and not fixtures else Status.IN_COLLISION,
         best.name,
+        baseline.name,
         tuple(cases),
         preparation,
         windows,
@@ -203,9 +217,22 @@ def _general_in_order(
     return in_given_numbers(found, numbers)
 
 
-def _case(
-    prepared: PreparedCell, name: str, timing: Timing, base_j: float | None, cpu_s: float
-) -> Case:
+def _baseline(cases: list[Case]) -> Case:
+    """What robots at full speed cost, see `Schedule`."""
+    names = ("free-running", "as-fast-as-possible", "separated")
+    full_speed = [case for name in names for case in cases if case.name == name]
+    return next((case for case in full_speed if case.collisions == 0), full_speed[0])
+
+
+def _with_savings(case: Case, baseline: Case) -> Case:
+    return replace(
+        case,
+        saving_with_base_percent=100.0 * (1.0 - case.total_j / baseline.total_j),
+        saving_percent=100.0 * (1.0 - case.energy_j / baseline.energy_j),
+    )
+
+
+def _case(prepared: PreparedCell, name: str, timing: Timing, cpu_s: float) -> Case:
     result = prepared.evaluate(timing.start_s, timing.override, timing.total_s)
     contacts = check_schedule(prepared.cell, timing.start_s, timing.override)
     # Neighbouring reports of one pair of robots are one collision.
@@ -216,13 +243,13 @@ def _case(
         if contact.time_s - last.get(pair, -1.0) > 0.06:
             count += 1
         last[pair] = contact.time_s
-    base = result.link_j if base_j is None else base_j
     return Case(
         name,
         timing,
         result.link_j,
         result.total_j,
-        100.0 * (1.0 - result.link_j / base),
+        0.0,
+        0.0,
         count,
         tuple(map(str, contacts[:20])),
         result.chopper_j,
@@ -242,7 +269,7 @@ def run_schedule(
 
 def schedule_to_dict(found: Schedule) -> dict[str, Any]:
     """Plain data of a schedule; `cpu_s` is the only entry that differs between equal runs."""
-    fast = found.cases[0]
+    fast = next(case for case in found.cases if case.name == "as-fast-as-possible")
     stretched = next(case for case in found.cases if case.name == "stretched")
     names = [robot.name for robot in found.cell.robots]
     first = found.cell.first
@@ -253,12 +280,14 @@ def schedule_to_dict(found: Schedule) -> dict[str, Any]:
         "status": str(found.status),
         "advice": _advice(found),
         "best": found.best,
+        "baseline": found.baseline,
         "energy_j": found.energy_j,
         "cases": [
             {
                 "name": case.name,
                 "energy_j": case.energy_j,
                 "total_energy_j": case.total_j,
+                "saving_with_base_percent": case.saving_with_base_percent,
                 "saving_percent": case.saving_percent,
                 "saving_of_stretched_percent": 100.0 * (1 - case.energy_j / stretched.energy_j),
                 "duration_s": case.timing.total_s,

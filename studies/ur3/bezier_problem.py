@@ -14,7 +14,7 @@ from dmoc.physics.metrics import MotionState, metric_of, settled
 from dmoc.robot.robot import Robot
 from studies.ur3.adjoint_dynamics import chain_of
 from studies.ur3.bezier_motion import NUM_CONTROLS, BezierMotion, bernstein
-from studies.ur3.curve_cost import CurveCost, Evaluation
+from studies.ur3.curve_cost import CurveCost, CurveEvaluation
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Evaluator:
         """Sampled q (..., K, n) of search points x (..., 5 n)."""
         return np.asarray(self.cost.basis[0] @ self.problem.controls(x))
 
-    def evaluate(self, x: Array, smoothing: float = 0.0) -> Evaluation:
+    def evaluate(self, x: Array, smoothing: float = 0.0) -> CurveEvaluation:
         """Costs and limit excess of search points x (P, 5 n), all at once."""
         return self.cost.evaluate(self.problem.controls(x), smoothing)
 

@@ -39,7 +39,7 @@ class Setting:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SolvedCase:
     """Results of a movement in one metric, and CPU seconds of each kind."""
 
     move: Move
@@ -57,7 +57,7 @@ class Found:
 
 def solve_case(
     move: Move, metric: str, setting: Setting, seeds: tuple[int, ...], gradient_seed: int = 0
-) -> Found:
+) -> SolvedCase:
     """Swarm (once per seed) and gradient descent of one movement in one metric."""
     problem = BezierProblem(
         setting.robot, move.start_rad, move.goal_rad, setting.duration_s, metric
@@ -67,7 +67,7 @@ def solve_case(
     swarm = tuple(swarm_bezier(problem, seed, setting.swarm, forbidden) for seed in seeds)
     middle = time.process_time()
     gradient = descend_bezier(problem, gradient_seed, setting.descent, forbidden, avoid)
-    return Found(move, metric, swarm, gradient, middle - begin, time.process_time() - middle)
+    return SolvedCase(move, metric, swarm, gradient, middle - begin, time.process_time() - middle)
 
 
 def base_energy_j(setting: Setting) -> float:
@@ -114,7 +114,7 @@ def judge(motion: BezierMotion | JointTrajectory, setting: Setting) -> dict[str,
     return report
 
 
-def case_report(found: Found, setting: Setting) -> dict[str, Any]:
+def case_report(found: SolvedCase, setting: Setting) -> dict[str, Any]:
     """What the study prints of one movement in one metric."""
     baseline = judge(movej(found.move, setting.robot, setting.duration_s), setting)
     start = baseline[f"{found.metric}_j"]

@@ -16,7 +16,7 @@ from studies.ur3.adjoint_dynamics import LinkChain, chain_of
 LIMIT_SHARE = 0.99
 
 
-class Evaluation(NamedTuple):
+class CurveEvaluation(NamedTuple):
     """Costs (P,) in the metric and how far samples exceed the limits (P,), 0 where legal."""
 
     cost: Array
@@ -43,7 +43,7 @@ class CurveCost:
         object.__setattr__(self, "metric", metric_of(self.name, self.robot))
         object.__setattr__(self, "chain", chain_of(self.robot))
 
-    def evaluate(self, parameters: Array, smoothing: float = 0.0) -> Evaluation:
+    def evaluate(self, parameters: Array, smoothing: float = 0.0) -> CurveEvaluation:
         """Costs and limit excess of many curves (P, m, n) at once."""
         state, _ = self._state(parameters)
         cost = self.weight * self.metric.rate(state, smoothing).sum(axis=-1)
@@ -52,7 +52,7 @@ class CurveCost:
         for value, limit in limited:
             over = np.maximum(np.abs(value) / limit - LIMIT_SHARE, 0.0)
             excess += over.max(axis=(1, 2))
-        return Evaluation(cost, excess)
+        return CurveEvaluation(cost, excess)
 
     def descend(self, parameters: Array, smoothing: float, price: float) -> tuple[float, Array]:
         """Cost plus `price`·∫Σ excess² of one curve (m, n), and its gradient (m, n)."""

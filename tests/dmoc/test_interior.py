@@ -155,7 +155,7 @@ def test_what_does_not_fit_goes_to_ipopt(arm) -> None:
     q, v, u, time = *(ca.SX.sym(name, 3) for name in "qvu"), ca.SX.sym("T")
     idle = PathConstraint(ca.Function("c", [q, v, u], [v[0] - v[1]]), -np.inf, np.inf)
     for limits, by in (
-        (MotionLimits(jerk_rad_s3=80.0), "ipopt"),
+        (MotionLimits(jerk_limit_rad_s3=80.0), "structured"),
         (MotionLimits(rms_torque_nm=0.9 * arm.torque_limit_nm), "ipopt"),
         (MotionLimits(end_cost=EndCost(ca.Function("e", [q, v, time], [time]))), "ipopt"),
         (MotionLimits(free_goal_joints=(2,)), "ipopt"),

@@ -181,7 +181,6 @@ def test_what_couples_more_than_one_frame_does_not_fit(tmp_path) -> None:
     arm = random_robot(5, tmp_path, 3)
     problem = random_problems(arm, 1, num_intervals=6)[0]
     for limits in (
-        MotionLimits(jerk_rad_s3=10.0),
         MotionLimits(rms_torque_nm=10.0),
         MotionLimits(free_goal_velocity=True),
     ):

@@ -3,6 +3,7 @@
 import pickle
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +11,9 @@ import pytest
 
 from authoring.robots.generate import write_robots
 from authoring.robots.ur10e import DH
+from dmoc.errors import RobotError
 from dmoc.robot.robot import Robot, Tool, available_robots, load_robot
+from dmoc.robot.settings import ROTOR_RAD_S2
 
 HOME = np.array([0.0, -0.35, 0.35, 0.0, 0.6, 0.0])
 
@@ -169,3 +172,60 @@ def test_seven_joints_load(tmp_path):
 
 def test_names_of_the_package():
     assert {"irb6640_class", "ur10e_class"} <= set(available_robots())
+
+
+def bare_arm(folder: Path) -> Path:
+    """The UR10e-class URDF without its robot.yaml."""
+    urdf = folder / "arm.urdf"
+    urdf.write_bytes(load_robot("ur10e_class").urdf.read_bytes())
+    return urdf
+
+
+def test_what_nobody_gave_is_named_with_what_was_taken(tmp_path: Path) -> None:
+    robot = load_robot(bare_arm(tmp_path))
+    doubts = {doubt.code: doubt for doubt in robot.description.warnings}
+    assert {"robot-yaml-missing", "acceleration-assumed", "armature-missing"} <= set(doubts)
+    assert f"{robot.acceleration_limit_rad_s2[0]:.3g}" in doubts["acceleration-assumed"].value
+    estimate = robot.torque_limit_nm / ROTOR_RAD_S2
+    assert f"[{estimate[0]:.3g}," in doubts["armature-missing"].fix
+    assert "assumed" in doubts["armature-missing"].fix
+    (tmp_path / "robot.yaml").write_text("armature_kg_m2: 1\nacceleration_limit_rad_s2: 9\n")
+    assert not load_robot(tmp_path / "arm.urdf").description.warnings
+
+
+def test_robots_of_the_package_give_everything_and_rotors_are_near_the_estimate() -> None:
+    for name in ("ur3e_class", "ur10e_class", "irb6640_class"):
+        robot = load_robot(name)
+        assert not robot.description.warnings
+        share = robot.armature_kg_m2 * ROTOR_RAD_S2 / robot.torque_limit_nm
+        assert share.min() > 0.5
+        assert share.max() < 2.1
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [
+        ("yml", "robot-yaml-name"),
+        ("folder", "robot-yaml-kind"),
+        ("dangling", "robot-yaml-kind"),
+        ("outside", "path-outside"),
+    ],
+)
+def test_what_stands_in_the_place_of_robot_yaml_is_named(
+    tmp_path: Path, kind: str, code: str
+) -> None:
+    home = tmp_path / "arm"
+    home.mkdir()
+    urdf, place = bare_arm(home), home / "robot.yaml"
+    elsewhere = tmp_path / "other.yaml"
+    if kind == "yml":
+        (home / "robot.yml").write_text("armature_kg_m2: 1\n")
+    elif kind == "folder":
+        place.mkdir()
+    else:
+        place.symlink_to(elsewhere)
+        if kind == "outside":
+            elsewhere.write_text("armature_kg_m2: 1\n")
+    with pytest.raises(RobotError) as caught:
+        load_robot(urdf)
+    assert [fault.code for fault in caught.value.faults] == [code]

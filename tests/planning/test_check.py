@@ -5,6 +5,7 @@ from test_station import SMALL, STUDS, write
 
 from dmoc.errors import InputError
 from planning.collision.coal_engine import CoalEngine
+from planning.station.build import demo_station
 from planning.welds.check import check_station
 
 MASSES = "  mass_kg: 2\n  com_m: [0, 0, 0.05]\n"
@@ -118,3 +119,12 @@ def test_weld_poses_keep_what_the_certificate_demands(tmp_path):
     assert row["alternatives"] == 0
     assert "collision with post" in row["reason"]
     assert checked(tmp_path, far)["studs"][0]["alternatives"] > 0
+
+
+def test_check_says_how_deep_shapes_overlap_at_the_welds() -> None:
+    """Stud S15 of station A is known to be welded with the tip inside the part's shapes."""
+    station = demo_station("stud_welding_a")
+    deep = {row["id"]: row["contact_depth_m"] for row in check_station(station.source)["studs"]}
+    assert max(deep, key=deep.__getitem__) == "S15"
+    assert 1e-3 < deep["S15"] < 5e-3
+    assert sorted(deep.values())[-2] < 1e-4

@@ -171,3 +171,102 @@ def test_converge_says_when_it_did_not_arrive():
     pose = np.eye(4)
     pose[0, 3] = 9.0
     assert not converge(chain, pose[None], np.zeros((1, 6)), iterations=20)[1][0]
+
+
+def straight_wrists(name, q5, count, seed):
+    """The arm, its chain, and random q of it with joint 5 at `q5`."""
+    robot = load_robot(name)
+    turn = np.array([np.pi] * 4 + [2 * np.pi] + [np.pi])  # fewer wrap-arounds, sooner done
+    robot = robot.with_limits(
+        q_lower_rad=np.maximum(robot.q_lower_rad, -turn),
+        q_upper_rad=np.minimum(robot.q_upper_rad, turn),
+    )
+    q = random_q(robot, count, seed)
+    q[:, 4] = q5
+    return robot, chain_of(robot), q
+
+
+def with_rounded_quaternions(poses, digits):
+    """The poses as a file with so many digits has them."""
+    poses = poses.copy()
+    for pose in poses:
+        parts = np.round(pin.Quaternion(pose[:3, :3].copy()).coeffs(), digits)
+        pose[:3, :3] = pin.Quaternion(parts / np.linalg.norm(parts)).matrix()
+    return poses
+
+
+ARMS = ["irb6640_class", "ur10e_class", "ur3e_class"]
+TURNS = [0.0, 1e-12, 3e-10, 1e-9, 1e-8, -1e-8, 1e-7, -1e-7, 9e-7, 1e-6, 1e-5, 1e-3]
+
+
+@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("half_turns", [-2, -1, 0, 1, 2])
+def test_no_straight_wrist_is_lost(name, half_turns):
+    """Over all turns and arms some thousand poses, each reachable as it is made from a legal q."""
+    limit = load_robot(name).q_upper_rad[4]
+    if abs(half_turns) * np.pi > limit:
+        pytest.skip("beyond the limits of joint 5")
+    for k, turn in enumerate(TURNS):
+        q5 = half_turns * np.pi + turn
+        if abs(q5) > limit:
+            q5 = half_turns * np.pi - turn
+        robot, chain, q = straight_wrists(name, q5, 30, seed=11 * k + half_turns + 2)
+        poses = chain.forward(q)
+        found = inverse(robot, poses)
+        assert set(found.pose) == set(range(30))
+        assert np.abs(pose_error(poses[found.pose], chain.forward(found.q_rad))).max() <= 1e-9
+        assert np.all((found.q_rad >= robot.q_lower_rad) & (found.q_rad <= robot.q_upper_rad))
+        if abs(turn) >= 1e-7:  # nearer to straight q4 and q6 drown in rounding
+            for row, index in zip(q, range(30), strict=True):
+                away = np.abs(found.q_rad[found.pose == index] - row).max(axis=1).min()
+                assert away < 2e-13 / abs(turn) + 1e-6  # angles within 1e-6 are one solution
+
+
+@pytest.mark.parametrize("digits", [6, 7, 8])
+@pytest.mark.parametrize("name", ARMS)
+def test_straight_wrists_of_files_are_found(name, digits):
+    for q5 in (0.0, 1e-8, 1e-7):
+        robot, chain, q = straight_wrists(name, q5, 50, seed=digits)
+        poses = with_rounded_quaternions(chain.forward(q), digits)
+        found = inverse(robot, poses)
+        assert set(found.pose) == set(range(50))
+        error = np.abs(pose_error(poses[found.pose], chain.forward(found.q_rad)))
+        assert error.max() <= 4 * 10.0**-digits
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_random_poses_of_files_are_found(name):
+    robot = load_robot(name)
+    chain = chain_of(robot)
+    poses = with_rounded_quaternions(chain.forward(random_q(robot, 500, 21)), 8)
+    found = inverse(robot, poses)
+    assert np.abs(pose_error(poses[found.pose], chain.forward(found.q_rad))).max() <= 1e-9
+    assert set(found.pose) == set(range(500))
+
+
+@pytest.mark.parametrize("name", ["irb6640_class", "ur10e_class"])
+def test_lines_lead_on_from_straight_wrists(name):
+    """From the one q of a pose a line seldom leads on, as joint 4 would have to jump; of the
+    samples one suits nearly every direction."""
+    robot, chain, q = straight_wrists(name, 0.0, 25, seed=2)
+    q[:, [0, 1, 2, 3, 5]] *= 0.5
+    found = inverse(robot, chain.forward(q))
+    way = np.random.default_rng(3).normal(size=(25, 3))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    offset = np.linspace(0, 0.02, 5)[None, :, None] * way[found.pose][:, None]
+    line, good = follow_line(chain, found.q_rad, offset)
+    assert len(set(found.pose[good])) >= 22
+    for k in np.flatnonzero(good)[:40]:
+        goal = np.repeat(chain.forward(found.q_rad[k])[:1], 5, axis=0)
+        goal[:, :3, 3] += offset[k]
+        assert np.abs(pose_error(goal, chain.forward(line[k]))).max() < 1e-9
+
+
+def test_line_in_the_plane_of_a_straight_wrist():
+    _, chain, q = straight_wrists("irb6640_class", 0.0, 20, seed=5)
+    q *= 0.4
+    q[:, [3, 4]] = 0.0
+    forward = np.stack([np.cos(q[:, 0]), np.sin(q[:, 0]), np.zeros(20)], axis=1)
+    line, good = follow_line(chain, q, np.linspace(0, 0.03, 7)[None, :, None] * forward[:, None])
+    assert good.sum() >= 18
+    assert np.abs(line[good][:, -1, 4]).min() > 5e-4

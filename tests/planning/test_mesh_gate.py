@@ -41,6 +41,48 @@ def test_formats_agree(tmp_path, kind):
     assert np.ptp(mesh.vertices_m, axis=0) == pytest.approx([0.4, 0.6, 0.8])
 
 
+def stl_dialects():
+    text = BOX.export(file_type="stl_ascii")
+    binary = BOX.export(file_type="stl")
+    solid = "solid part\n" + text.split("\n", 1)[1]
+    yield "upper case", solid.upper().encode()
+    yield "blank before", b"\n \t" + solid.encode()
+    yield "byte order mark", b"\xef\xbb\xbf" + solid.encode()
+    yield "blank tail", solid.encode() + b"\n" * 900
+    yield "two words", solid.replace("end", "end ").replace("end solid", "end solid x").encode()
+    yield "old Mac", solid.replace("\n", "\r").encode()
+    yield "one line", " ".join(solid.split()).encode()
+    yield "facet in the name", solid.replace("solid part", "solid a facet of it", 1).encode()
+    half = solid.splitlines()
+    first, second = half[: 1 + 7 * 6], half[1 + 7 * 6 :]
+    yield "two solids", "\n".join([*first, "endsolid part", "solid rest", *second]).encode()
+    yield "binary, header of text", b"solid of 12 facet normals".ljust(80) + binary[80:]
+    yield "binary, odd tail", binary + b"\r\n"
+    yield "binary, blank tail", binary + bytes(200)
+
+
+@pytest.mark.parametrize(("name", "content"), stl_dialects(), ids=[n for n, _ in stl_dialects()])
+def test_every_dialect_of_stl_is_the_same_box(tmp_path, name, content):
+    (tmp_path / "part.stl").write_bytes(content)
+    mesh = load_mesh("part.stl", tmp_path, "m")
+    assert len(mesh.faces) == 12
+    assert mesh.watertight
+    assert np.ptp(mesh.vertices_m, axis=0) == pytest.approx([0.4, 0.6, 0.8])
+
+
+def test_a_lost_facet_is_never_read_over(tmp_path):
+    binary, text = BOX.export(file_type="stl"), BOX.export(file_type="stl_ascii")
+    fewer = binary[:80] + struct.pack("<I", 11) + binary[84:]
+    for content in (fewer, text.replace("vertex", "vertx", 1).encode(),
+                    text.replace("endfacet", "", 1).encode(),
+                    text.replace("facet normal", "facet", 1).encode()):  # fmt: off
+        (tmp_path / "part.stl").write_bytes(content)
+        assert code_of(tmp_path) in ("mesh-truncated", "mesh-syntax")
+    ply = BOX.export(file_type="ply", encoding="ascii")
+    (tmp_path / "part.ply").write_bytes(b"\n".join(ply.splitlines()[:-2]))
+    assert code_of(tmp_path, "part.ply") in ("mesh-truncated", "mesh-syntax")
+
+
 def test_millimetres(tmp_path):
     stl(tmp_path, 1000 * BOX.vertices)
     mesh = load_mesh("part.stl", tmp_path, "mm")

@@ -83,7 +83,7 @@ def test_cells_are_below_the_relaxed_cost_everywhere(
     q, v = _states(robot, 50, 8)
     a, b = series.bearing
     # Past one turn the cells repeat.
-    at = ((q[:, [a, b]] - grid.lower) / grid.step).astype(int) % np.array(grid.count)
+    at = ((q[:, [a, b]] - grid.lower) / grid.step).astype(int) % np.array(grid.counts)
     g = robot.gravity_torque_nm(q)
     for k in range(len(q)):
         i, j = at[k]

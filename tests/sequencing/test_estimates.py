@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -13,6 +18,8 @@ from sequencing.bounds import power_bound
 from sequencing.bounds.curves import shortest_time
 from sequencing.edges.estimates import straight_line
 from sequencing.edges.learned import fit_estimate
+from sequencing.edges.line_torques import line_sums
+from sequencing.edges.regression import _exp, fit_process
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +115,26 @@ def test_straight_line_cost_equals_its_integral(robot) -> None:
         assert line.cost[k] == pytest.approx(total * duration, rel=2e-3)
 
 
+@pytest.mark.parametrize("name", ["ur10e_class", "irb6640_class", "planar2"])
+def test_line_sums_are_those_of_pinocchio_s_inverse_dynamics(name) -> None:
+    import pinocchio as pin
+
+    robot = load_robot(name)
+    if robot.num_joints == 6:
+        robot = robot.with_base(pin.SE3(pin.utils.rotate("x", 0.4), np.ones(3))).with_payload(5.0)
+    rng, data = np.random.default_rng(8), robot.model.createData()
+    start, goal = rng.uniform(-2.0, 2.0, (2, 30, robot.num_joints))
+    rule = rng.uniform(0.1, 2.0, (3, 4))
+    expected, zero = np.zeros((30, 3)), np.zeros(robot.num_joints)
+    for k, (q0, d) in enumerate(zip(start, goal - start)):
+        for weight, s, first, second in rule:
+            still = pin.rnea(robot.model, data, q0 + s * d, zero, zero)
+            u = pin.rnea(robot.model, data, q0 + s * d, first * d, second * d) - still
+            expected[k] += weight * np.array([still @ still, 2 * still @ u, u @ u])
+    found = line_sums(robot.model, start, goal, rule)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+
+
 def test_straight_line_duration_is_the_best_one(robot) -> None:
     starts, goals = _pairs(robot, 10, 9)
     line = straight_line(robot, Cost(), starts, goals)
@@ -130,7 +157,7 @@ def test_factors_cover_fresh_edges_and_follow_the_deviation() -> None:
         return features, rough, rough * np.exp(0.3 * np.sin(3 * features[:, 0]) + noise)
 
     train, held, fresh = draw(60), draw(199), draw(4000)
-    learned = fit_estimate(*train, held, seed=0)
+    learned = fit_estimate(*train, held)
     factors, coverage = learned.factors(fresh[0], 0.01)
     assert coverage == pytest.approx(0.99)
     assert np.all((factors > 0.0) & (factors <= 1.0))
@@ -139,6 +166,94 @@ def test_factors_cover_fresh_edges_and_follow_the_deviation() -> None:
     assert above > 0.96
     far = np.full((1, 2), 6.0)
     assert learned.factors(far, 0.01)[0][0] < factors.min()
-    nothing = fit_estimate(*train, (held[0][:0], held[1][:0], held[2][:0]), seed=0)
+    nothing = fit_estimate(*train, (held[0][:0], held[1][:0], held[2][:0]))
     assert nothing.factors(fresh[0], 0.01)[1] == 1.0
     assert np.all(nothing.factors(fresh[0], 0.01)[0] == 0.0)
+
+
+def problem_of(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(count)
+    features = np.round(rng.normal(size=(count, 12)), 9)
+    rough = np.exp(rng.uniform(0.0, 3.0, count))
+    bent = np.sin(features[:, 0]) + 0.3 * np.abs(features[:, 1]) + 0.01 * rng.normal(size=count)
+    return features, rough, rough * np.exp(0.2 * bent)
+
+
+PREDICT = """
+import hashlib
+import numpy as np
+from test_estimates import problem_of
+from sequencing.edges.learned import edge_features, fit_estimate
+
+features, rough, cost = problem_of(160)
+fresh = problem_of(900)
+learned = fit_estimate(features, rough, cost, problem_of(99))
+digest = hashlib.sha256(learned.held_out.tobytes())
+digest.update(learned.predict(fresh[0], fresh[1]).tobytes())
+digest.update(learned.factors(fresh[0], 0.01)[0].tobytes())
+rng = np.random.default_rng(5)
+pairs = np.array([[0, 1], [1, 2], [0, 2]])
+ways, holds, parts = rng.normal(size=(3, 4, 6)), rng.normal(size=(3, 6)), rng.uniform(1, 9, (3, 4))
+digest.update(edge_features(ways, holds, pairs, parts, np.zeros(3)).tobytes())
+print(digest.hexdigest())
+"""
+MACHINES = {
+    "as it is": {},
+    "old core, one thread": {"OPENBLAS_CORETYPE": "Nehalem", "OPENBLAS_NUM_THREADS": "1"},
+    "new core, four threads": {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "4"},
+    "no wide registers": {
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CPU_FEATURES": "",
+        "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512CD AVX512_SKX",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
+    },
+}
+
+
+def test_the_estimate_has_the_same_bits_on_other_processors() -> None:
+    """Another processor once solved 283 edges where this one solves 254."""
+    found = {}
+    for name, machine in MACHINES.items():
+        paths = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
+        done = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", PREDICT],
+            env=os.environ | machine | {"PYTHONPATH": os.pathsep.join(paths)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        found[name] = done.stdout.strip()
+    assert len(set(found.values())) == 1, found
+
+
+def test_own_exponential_is_as_good_as_the_library_s() -> None:
+    x = -np.concatenate([np.geomspace(1e-12, 690.0, 2000), [0.0]])
+    ours = np.array([_exp.py_func(value) for value in x])
+    np.testing.assert_allclose(ours, np.exp(x), rtol=1e-15 * 8)
+    assert _exp.py_func(-1e5) == 0.0
+
+
+def test_the_process_is_the_one_that_linear_algebra_gives() -> None:
+    """Mean and deviation of the fitted numbers against numpy's solver."""
+    features, rough, cost = problem_of(60)
+    model = fit_process(features, np.log(cost / rough))
+    fresh = problem_of(20)[0]
+    a, length, b, wide, noise = model.values
+
+    def covariance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        way = np.linalg.norm(x[:, None] - y[None], axis=2)
+        s = np.sqrt(5.0) * way / length
+        return a * (1 + s + s * s / 3) * np.exp(-s) + b * np.exp(-0.5 * (way / wide) ** 2)
+
+    known = (features - features.mean(0)) / features.std(0)
+    asked = (fresh - features.mean(0)) / features.std(0)
+    target = np.log(cost / rough)
+    inside = covariance(known, known) + noise * np.eye(60)
+    between = covariance(asked, known)
+    mean = between @ np.linalg.solve(inside, (target - target.mean()) / target.std())
+    left = np.einsum("ij,ji->i", between, np.linalg.solve(inside, between.T))
+    found = model.predict(fresh)
+    np.testing.assert_allclose(found[0], target.mean() + target.std() * mean, rtol=1e-7)
+    np.testing.assert_allclose(found[1], target.std() * np.sqrt(a + b + noise - left), rtol=1e-6)
+    assert np.std(model.predict(features)[0] - target) < 0.2 * target.std()

@@ -214,7 +214,7 @@ IN_FILES: dict[str, tuple[dict[str, Callable], str | None]] = {
     "joint axis": ({"urdf": swap('axis xyz="0 1 0"', 'axis xyz="0 1 0.01"')}, None),
     "armature": ({"settings": swap("[250,", "[251,")}, None),
     "acceleration in file": ({"settings": swap("[4.5,", "[4.4,")}, None),
-    "flange": ({"settings": swap("flange: flange", "flange: link_5")}, None),
+    "flange": ({"urdf": swap('xyz="0', 'xyz="0.01', "flange_fixed")}, None),
     "allowed link pair": ({"settings": swap("  - [link_4, link_6]\n", "")}, None),
     "drive": ({"settings": swap("drive: {class: heavy}", "drive: {class: ur}")}, None),
     "colour": ({"urdf": swap("0.93 0.42 0.10 1", "0.93 0.42 0.11 1")}, UNREAD),

@@ -175,7 +175,7 @@ def test_walk_and_final_check_agree_on_whole_schedules() -> None:
         contacts = check_schedule(cell, start, np.ones(6), most=20)
         if not meeting:
             assert not contacts
-        if any(c.collides for c in contacts):
+        if any(c.distance_m <= 0.0 for c in contacts):
             assert meeting
         agreed[not meeting] += 1
     assert min(agreed.values()) > 0
@@ -194,7 +194,7 @@ def test_final_check_sees_a_collision_between_two_samples() -> None:
     ends = np.array([0.0, left.trajectories[0].duration_s])
     assert dense_free(cell, np.zeros(2), np.ones(2), float(ends[1]), samples=2)
     contacts = check_schedule(cell, np.zeros(2), np.ones(2))
-    assert any(c.collides for c in contacts)
+    assert any(c.distance_m <= 0.0 for c in contacts)
 
 
 def test_unknown_shapes_are_refused() -> None:

@@ -82,6 +82,7 @@ def test_the_study_is_plain_data_with_the_papers_numbers_beside() -> None:
     assert json.loads(json.dumps(data))["paper"]["cases"][1]["saving_percent"] == 9.26
     assert [row["capacitance_f"] for row in data["capacity"]] == [3e-3, 30e-3]
     assert data["capacity"][1]["fast_j"] <= data["capacity"][0]["fast_j"]
+    assert all(row["free_running_j"] <= row["fast_j"] for row in data["capacity"])
     assert data["provenance"]["drive"]["north"]["copper_ohm"] == "assumed"
 
 

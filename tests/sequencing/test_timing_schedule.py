@@ -60,6 +60,15 @@ def test_process_time_is_unchanged_and_nothing_is_worse_than_the_start(found) ->
     for item in found.cases:
         assert item.timing.total_s == pytest.approx(fast.timing.total_s, abs=1e-9)
     assert case(found, "windows").energy_j <= fast.energy_j
+    free = case(found, "free-running")
+    assert found.baseline == "free-running"
+    assert free.collisions == 0
+    assert (free.timing.override == 1.0).all()
+    assert free.energy_j <= fast.energy_j  # no robot stops because another has not arrived
+    assert free.saving_with_base_percent == free.saving_percent == 0.0
+    best = case(found, found.best)
+    assert best.saving_percent == pytest.approx(100 * (1 - best.energy_j / free.energy_j))
+    assert 0 < best.saving_with_base_percent < best.saving_percent
     assert case(found, "windows").energy_j <= case(found, "stretched").energy_j * 1.001
     assert case(found, "general").energy_j < case(found, "windows").energy_j
 
@@ -92,7 +101,7 @@ def test_same_seed_same_schedule(small, found) -> None:
 
 def test_json_is_plain_and_complete(found) -> None:
     data = json.loads(json.dumps(schedule_to_dict(found)))
-    wanted = {"name", "energy_j", "saving_percent", "duration_s", "collisions", "cpu_s"}
+    wanted = {"name", "energy_j", "saving_with_base_percent", "duration_s", "collisions", "cpu_s"}
     assert all(wanted <= set(item) for item in data["cases"])
     assert set(data["start_s"]) == {"north", "west", "east"}
     for share in data["torque_share"].values():
@@ -131,6 +140,13 @@ def test_where_full_speed_collides_waiting_parts_the_robots_and_the_rest_still_s
     cases = {case.name: case for case in found.cases}
     assert cases["as-fast-as-possible"].collisions > 0
     assert cases["separated"].collisions == 0
+    full_speed = next(
+        name
+        for name in ("free-running", "as-fast-as-possible", "separated")
+        if name in cases and cases[name].collisions == 0
+    )
+    assert found.baseline == full_speed
+    assert cases[full_speed].saving_percent == 0.0
     assert str(found.status) == "converged"
     assert found.best == "general"
     # Freezing what meets would leave next to nothing; the swarm goes round the collision.

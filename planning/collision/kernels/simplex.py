@@ -47,6 +47,7 @@ def _triangle(s: Any, i: int, k: int, m: int, weight: Any) -> float:
     nn = nx * nx + ny * ny + nz * nz
     ab2 = abx * abx + aby * aby + abz * abz
     ac2 = acx * acx + acy * acy + acz * acz
+    # sin² of the corner's angle: a sliver's normal is rounding, its edges are not.
     if nn > 1e-20 * ab2 * ac2:
         # Barycentric weights of the origin's projection, from signed areas about the normal.
         u = _signed_area(s, k, m, nx, ny, nz) / nn
@@ -124,6 +125,7 @@ def nearest(s: Any, count: int, lam: Any, weight: Any) -> int:
                 s[2, 9 + f] = volume
                 whole += volume
                 size += abs(volume)
+            # Four points in a plane enclose nothing, and the signs above are noise: try every face.
             flat = abs(whole) <= 1e-14 * size
         best = 1e300
         for f in range(4):

@@ -39,30 +39,21 @@ class ArmShapes:
 
 
 def arm_shapes(
-    robot: Robot, tool_bodies: Sequence[Body] = (), skip: Sequence[str] = ()
+    robot: Robot,
+    tool_bodies: Sequence[Body] = (),
+    skip: Sequence[str] = (),
+    first_joint: int = 0,
 ) -> ArmShapes:
-    """Collision solids of `robot` at its base, `tool_bodies` on its flange, without `skip`."""
+    """Collision solids of `robot` at its base, `tool_bodies` on its flange, without `skip` and
+    without those that joints before `first_joint` carry."""
     mounts = (*link_bodies(robot), *tool_mounts(robot, tuple(tool_bodies)))
-    return _collect([mount for mount in mounts if mount.body.name not in skip])
+    kept = (mount for mount in mounts if mount.joint >= first_joint)
+    return _collect([mount for mount in kept if mount.body.name not in skip])
 
 
 def body_shapes(bodies: Sequence[Body]) -> ArmShapes:
     """Obstacles as solids that never move (joint 0)."""
     return _collect([Mounted(body, 0, body.pose) for body in bodies])
-
-
-def moving_shapes(shapes: ArmShapes) -> ArmShapes:
-    """The solids of an arm that some joint carries."""
-    kept = np.flatnonzero(shapes.joint > 0)
-    return ArmShapes(
-        shapes.joint[kept],
-        shapes.ends_m[kept],
-        shapes.radius_m[kept],
-        shapes.pose[kept],
-        tuple(shapes.solids[k] for k in kept),
-        tuple(shapes.names[k] for k in kept),
-        tuple(shapes.pieces[k] for k in kept),
-    )
 
 
 def _collect(mounts: Sequence[Mounted]) -> ArmShapes:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dmoc.jit import njit
-from sequencing.timing.clearance.coordination_map import CoordinationMap
+from sequencing.timing.clearance.coordination import CoordinationMap
 
 FREE, UNKNOWN = -1, -2
 

@@ -19,7 +19,7 @@ from dmoc.motion.trajectory import JointTrajectory
 from dmoc.robot.robot import Robot
 from planning.geometry.shapes import Body
 from sequencing.timing.cell.types import Cell
-from sequencing.timing.clearance.arms import ArmShapes, arm_shapes, body_shapes, moving_shapes
+from sequencing.timing.clearance.arms import ArmShapes, arm_shapes, body_shapes
 from sequencing.timing.clearance.segments import segment_distances
 from sequencing.timing.clearance.swept import joint_travel, reaches
 
@@ -39,11 +39,6 @@ class Contact:
     second: str
     solids: tuple[str, str]
     distance_m: float
-
-    @property
-    def collides(self) -> bool:
-        """True if the solids overlap, not merely come too near to be proven apart."""
-        return self.distance_m <= 0.0
 
     def __str__(self) -> str:
         one, two = self.solids
@@ -138,7 +133,7 @@ def check_schedule(
     for i, a in enumerate(actors):
         for b in actors[i + 1 :]:
             times = sorted({0.0, *a.events(), *b.events()})
-            found += _between(a, b, [t for t in times if t >= 0.0], 0.0, most - len(found))
+            found += _between(a, b, [t for t in times if t >= 0.0], most - len(found))
     return found
 
 
@@ -164,7 +159,7 @@ def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]]) -> list[Contact]:
     for item, bodies in zip(cell.robots, scenes):
         if not bodies:
             continue
-        shapes = moving_shapes(arm_shapes(item.robot, item.tool_bodies))
+        shapes = arm_shapes(item.robot, item.tool_bodies, first_joint=1)
         actor = _Actor(item.name, item.robot, shapes)
         actor.trajectories = [t.on(None) for t in item.trajectories]
         lengths = [t.duration_s for t in item.trajectories]
@@ -172,13 +167,11 @@ def _against(cell: Cell, scenes: Sequence[tuple[Body, ...]]) -> list[Contact]:
         actor.override = np.ones(len(lengths))
         times = sorted({0.0, *actor.events()})
         scene = _Actor("obstacles", None, body_shapes(bodies))
-        found += _between(actor, scene, times, 0.0, 1000)
+        found += _between(actor, scene, times, 1000)
     return found
 
 
-def _between(
-    a: _Actor, b: _Actor, times: list[float], clearance: float, most: int
-) -> list[Contact]:
+def _between(a: _Actor, b: _Actor, times: list[float], most: int) -> list[Contact]:
     found: list[Contact] = []
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     stack = [(t0, t1) for t0, t1 in itertools.pairwise(times) if t1 > t0][::-1]
@@ -190,7 +183,7 @@ def _between(
         rough = segment_distances(ends_a, ends_b)
         rough -= a.shapes.radius_m[:, None] + b.shapes.radius_m[None, :]
         worst: Contact | None = None
-        for c, d in np.argwhere(rough <= clearance + way):
+        for c, d in np.argwhere(rough <= way):
             result.clear()
             distance = coal.distance(
                 a.shapes.solids[c],
@@ -200,7 +193,7 @@ def _between(
                 request,
                 result,
             )
-            if distance <= clearance + way[c, d] and (worst is None or distance < worst.distance_m):
+            if distance <= way[c, d] and (worst is None or distance < worst.distance_m):
                 names = (a.shapes.names[c], b.shapes.names[d])
                 second = b.name if b.robot is not None else names[1]
                 worst = Contact(middle, a.name, second, names, float(distance))

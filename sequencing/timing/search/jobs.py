@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -57,17 +58,13 @@ def in_order(cell: Cell, order: Sequence[Sequence[int]]) -> list[int]:
 def rearranged(prepared: PreparedCell, order: Sequence[Sequence[int]]) -> PreparedCell:
     """The same cell with each robot's trajectories (own counts) in `order`, numbered anew."""
     cell = prepared.cell
-    robots = tuple(
-        replace(
-            item,
-            trajectories=tuple(item.trajectories[k] for k in own),
-            loaded=tuple(item.loaded[k] for k in own),
-            labels=tuple(item.labels[k] for k in own),
-            pause_s=tuple(item.pause_s[k] for k in own),
-            wrench=tuple(item.wrench[k] for k in own),
-        )
-        for item, own in zip(cell.robots, order)
-    )
+    parts = ("trajectories", "loaded", "labels", "pause_s", "wrench")
+
+    def arranged(item: CellRobot, own: Sequence[int]) -> CellRobot:
+        changes: dict[str, Any] = {p: tuple(getattr(item, p)[k] for k in own) for p in parts}
+        return replace(item, **changes)
+
+    robots = tuple(map(arranged, cell.robots, order))
     numbers = in_order(cell, order)
     new = {old: k for k, old in enumerate(numbers)}
     handovers = tuple((new[a], new[b]) for a, b in cell.handovers)

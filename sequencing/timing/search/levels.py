@@ -109,7 +109,10 @@ class _Plans:
         total = count_orders(self.sizes)
         joint = total <= _MOST_JOINT
         exact = total <= _MOST_ORDERS
-        cost = self.aligned_cost if joint else self.side_by_side_cost
+
+        def cost(orders: Orders) -> float:
+            return self.aligned(orders)[1] if joint else self.sum_of(self.side_by_side(orders))
+
         if total <= 1:
             orders = given
         elif exact:
@@ -146,12 +149,6 @@ class _Plans:
         rows = self.numbers(orders)
         longest = max(len(row) for row in rows)
         return tuple(tuple(row[k] for row in rows if k < len(row)) for k in range(longest))
-
-    def side_by_side_cost(self, orders: Orders) -> float:
-        return self.sum_of(self.side_by_side(orders))
-
-    def aligned_cost(self, orders: Orders) -> float:
-        return self.aligned(orders)[1]
 
     def sum_of(self, groups: Groups) -> float:
         """Sum of the windows' energies; inf if they need more time or break a hand-over."""

@@ -12,7 +12,7 @@ from planning.collision.kernels.layout import Solids
 from planning.collision.packed import pack_solids
 from sequencing.timing.cell.types import Cell
 from sequencing.timing.clearance.arms import ArmShapes, arm_shapes, joint_frames
-from sequencing.timing.clearance.coordination_map import (
+from sequencing.timing.clearance.coordination import (
     CELLS,
     CoordinationMap,
     ExactPair,
@@ -41,9 +41,16 @@ class PreparedCell:
     paths: tuple[PathPower, ...]
     tables: tuple[PowerTable, ...]
 
-    def timeline(self, total_s: float, step_s: float = 0.004) -> CellTimeline:
-        """All trajectories of all robots over `total_s`."""
-        return self._timeline(self.tables, total_s, step_s)
+    def timeline(
+        self,
+        total_s: float,
+        tables: Sequence[PowerTable] | None = None,
+        step_s: float = 0.004,
+    ) -> CellTimeline:
+        """All trajectories of all robots over `total_s`, with other `tables` (S,) if given."""
+        used = self.tables if tables is None else tables
+        groups = [used[a:b] for a, b in itertools.pairwise(self.cell.first)]
+        return make_timeline(groups, total_s, self.cell.links, self.cell.link_of, step_s)
 
     def window(
         self,
@@ -73,7 +80,7 @@ class PreparedCell:
         Each robot runs its trajectories by their starts, whatever their numbers.
         """
         start_s, override, exact = self.exact_tables(start_s, override)
-        line = self._timeline(exact, total_s, step_s)
+        line = self.timeline(total_s, exact, step_s)
         drawn = drawn_j(line, start_s, override)
         runs = [
             simulate_hysteresis(drawn[m], line.step_s, link)
@@ -106,13 +113,6 @@ class PreparedCell:
         speed = np.asarray(override, dtype=float)[order]
         tables = [exact_table(self.paths[k], float(d)) for k, d in zip(order, speed)]
         return start[order], speed, tables
-
-    def _timeline(
-        self, tables: Sequence[PowerTable], total_s: float, step_s: float
-    ) -> CellTimeline:
-        first = self.cell.first
-        groups = [list(tables[a:b]) for a, b in itertools.pairwise(first)]
-        return make_timeline(groups, total_s, self.cell.links, self.cell.link_of, step_s)
 
 
 @dataclass(frozen=True, eq=False)

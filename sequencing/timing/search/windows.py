@@ -167,11 +167,16 @@ def whole_graph(
     return slack_graph(cell.durations_s, cell.handovers, total_s, fixed, pauses)
 
 
-def fast_timing(prepared: PreparedCell, windows: Windows | None) -> Timing:
-    """Every trajectory at full speed, as early as its window (or its predecessors) allow."""
+def fast_timing(
+    prepared: PreparedCell, windows: Windows | None, total_s: float | None = None
+) -> Timing:
+    """Every trajectory at full speed, as early as its window (or its predecessors) allow.
+
+    Without windows the process ends with its last trajectory, or at `total_s`.
+    """
     size = prepared.cell.first[-1]
     if windows is None:
-        graph = whole_graph(prepared, None)
+        graph = whole_graph(prepared, total_s)
         start, override = decode(graph, np.zeros((2, size)))
         return Timing(start, override, graph.total_s)
     start = np.zeros(size)

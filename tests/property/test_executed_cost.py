@@ -1,0 +1,78 @@
+"""On robots as they are published, without rotor inertia, the stated cost is the executed cost."""
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from mujoco_arm import mujoco_model
+from random_arms import random_problems
+
+from benchmarks.published_robots import published_robot, source_folder
+from dmoc.motion.cost import Cost
+from dmoc.motion.status import Status
+from dmoc.physics.running_cost import executed_cost
+from dmoc.programme.types import SolveParams
+from dmoc.robot.robot import Robot
+from dmoc.solving.solver import solve
+
+try:
+    source_folder()
+except FileNotFoundError:
+    pytest.skip("example-robot-data is not installed", allow_module_level=True)
+
+OWN = SolveParams(solver="structured")
+LOOP_RAD_S = 2 * np.pi * 10
+
+
+@pytest.fixture(scope="module", params=["ur10", "z1"])
+def robot(request, tmp_path_factory) -> Robot:
+    return published_robot(request.param, tmp_path_factory.mktemp("published"))
+
+
+def sign_changes(trajectory) -> int:
+    """Of the accelerations of the intervals above 1e-3 of the largest, in the worst joint."""
+    a = np.diff(trajectory.velocity_rad_s, axis=0) / np.diff(trajectory.t_s)[:, None]
+    loud = [column[np.abs(column) > 1e-3 * np.abs(column).max()] for column in a.T]
+    return max(int(np.sum(np.diff(np.sign(column)) != 0)) for column in loud)
+
+
+def test_what_is_stated_is_what_is_executed(robot) -> None:
+    for problem in random_problems(robot, 5, seed=21):
+        motion = solve(problem, OWN)
+        assert motion.status is Status.CONVERGED
+        assert motion.executed_cost == executed_cost(problem, motion.trajectory)
+        assert abs(motion.cost_gap) < 0.005
+        assert sign_changes(motion.trajectory) <= 6
+        coarse = solve(problem.replace(num_intervals=20), OWN)
+        assert abs(coarse.cost_gap) < 0.015
+        assert motion.executed_cost < coarse.executed_cost < 1.03 * motion.executed_cost
+
+
+def test_the_published_form_is_found_out(robot) -> None:
+    """It alternates, costs more than it states, and is not called converged."""
+    problem = random_problems(robot, 1, seed=21)[0]
+    paper = solve(problem.replace(cost=Cost(transcription="paper")), OWN)
+    assert sign_changes(paper.trajectory) > 20
+    assert paper.cost_gap > 0.01
+    assert paper.status is Status.COARSE
+    assert paper.executed_cost > solve(problem, OWN).executed_cost
+
+
+def test_a_servo_of_ten_hertz_can_drive_it(robot) -> None:
+    """Joint position loops with feed-forward of the curve's torque, in a simulator of its own."""
+    problem = random_problems(robot, 1, seed=22)[0]
+    t = solve(problem, OWN).trajectory
+    step = 1e-3
+    other = mujoco_model(robot.model, step)
+    state, data, worst = mujoco.MjData(other), robot.model.createData(), 0.0
+    state.qpos[:] = t.q_rad[0]
+    for now in np.arange(0.0, t.duration_s, step):
+        wanted = t.sample(now)
+        error = wanted.q_rad[0] - state.qpos
+        rate = wanted.velocity_rad_s[0] - state.qvel
+        inertia = np.diag(pin.crba(robot.model, data, state.qpos.copy()))
+        feedback = inertia * (LOOP_RAD_S**2 * error + 1.4 * LOOP_RAD_S * rate)
+        state.qfrc_applied[:] = wanted.torque_nm[0] + feedback
+        mujoco.mj_step(other, state)
+        worst = max(worst, float(np.abs(state.qpos - t.sample(now + step).q_rad[0]).max()))
+    assert worst < 2e-3
