@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,7 +31,7 @@ ON_PART_M = 0.05
 T = TypeVar("T")
 
 
-def build_station(path: Path) -> Station:
+def build_station(path: Path, robot_file: Path | None = None) -> Station:
     """Read, validate and build; raises `InputError` with the faults of all sections at once."""
     tree = read_yaml(path)
     if not isinstance(tree.data, dict):
@@ -45,6 +46,7 @@ def build_station(path: Path) -> Station:
             )
         )
     sections = _Sections(path, tree)
+    sections.robot_file = robot_file
     faults = sections.faults
     entry: StationFile | None = None
     try:
@@ -54,7 +56,7 @@ def build_station(path: Path) -> Station:
     robot = sections.robot()
     tool = sections.tool()
     obstacles = sections.obstacles()
-    studs = sections.studs()
+    studs = sections.studs({body.name: body.pose for body in obstacles})
     if entry is None or robot is None or tool is None or faults:
         raise InputError(faults)
     bodies, inertial = tool
@@ -98,6 +100,8 @@ def build_station(path: Path) -> Station:
 class _Sections(InputFaults):
     """Builds each section that is valid by itself, so that one bad field hides no other."""
 
+    robot_file: Path | None = None
+
     def _valid(self, kind: type[T], value: Any) -> T | None:
         try:
             return TypeAdapter(kind).validate_python(value)
@@ -109,7 +113,9 @@ class _Sections(InputFaults):
         if entry is None:
             return None
         field: FieldPath = ("robot",)
-        return self.attempt(field, lambda: build_robot(entry, self.folder, self.refuse(field)))
+        return self.attempt(
+            field, lambda: build_robot(entry, self.folder, self.refuse(field), self.robot_file)
+        )
 
     def tool(self) -> tuple[tuple[Body, ...], Any] | None:
         entry = self._valid(ToolEntry, self.tree.data.get("tool"))
@@ -131,7 +137,7 @@ class _Sections(InputFaults):
     def _obstacle(self, entry: ObstacleEntry, field: FieldPath) -> Body | None:
         return self.attempt(field, lambda: build_obstacle(entry, self.folder, self.refuse(field)))
 
-    def studs(self) -> tuple[Stud, ...]:
+    def studs(self, frames: Mapping[str, Array]) -> tuple[Stud, ...]:
         name = self.tree.data.get("studs")
         if not isinstance(name, str):
             return ()
@@ -141,7 +147,7 @@ class _Sections(InputFaults):
         if file is None:
             return ()
         departure = self._departure()
-        return self.attempt(("studs",), lambda: read_studs(file, departure)) or ()
+        return self.attempt(("studs",), lambda: read_studs(file, departure, frames)) or ()
 
     def srdf(
         self, entry: StationFile, known: set[str], links: set[str]
@@ -185,17 +191,7 @@ def _placed(stud: Stud, obstacles: Sequence[Body], sections: _Sections) -> Stud:
         distance = [body_distance_m(body, stud.position_m) for body in obstacles]
         nearest = int(np.argmin(distance))
         on = names[nearest] if distance[nearest] < ON_PART_M else ""
-    return Stud(
-        stud.id,
-        stud.position_m,
-        stud.normal,
-        stud.weld_time_s,
-        stud.group,
-        stud.depart_direction,
-        stud.depart_m,
-        stud.spin_free,
-        on,
-    )
+    return replace(stud, on=on)
 
 
 def _home(entry: StationFile, robot: Robot, sections: _Sections) -> Array | None:
@@ -284,8 +280,10 @@ def _allowed(
     return tuple(sorted((first, second) for first, second in pairs if {first, second} <= known))
 
 
-def load_station(path: str | Path) -> Station:
+def load_station(path: str | Path, robot_file: Path | None = None) -> Station:
     """The station of a station.yaml (or of the folder that holds one).
+
+    `robot_file` is read in place of the robot that the station names.
 
     Errors: `InputError` with every fault found, each with code, file, line, field, value, legal
     range and fix.
@@ -295,7 +293,7 @@ def load_station(path: str | Path) -> Station:
     target = Path(path)
     if target.is_dir():
         target = target / "station.yaml"
-    return build_station(target)
+    return build_station(target, robot_file)
 
 
 def _stations_root() -> Path:

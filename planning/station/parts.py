@@ -21,7 +21,7 @@ from planning.station.schema import ObstacleEntry, PoseEntry, RobotEntry, ShapeE
 COVER_TOLERANCE_M = 1e-4
 
 
-def _pose(entry: PoseEntry, refuse: Refuse, *field: str) -> Array:
+def pose_of(entry: PoseEntry, refuse: Refuse, *field: str) -> Array:
     norm = float(np.linalg.norm(entry.quaternion_xyzw))
     if abs(norm - 1.0) > 1e-3:
         refuse(
@@ -36,8 +36,10 @@ def _pose(entry: PoseEntry, refuse: Refuse, *field: str) -> Array:
     return pose_matrix(entry.position_m, entry.quaternion_xyzw)
 
 
-def build_robot(entry: RobotEntry, folder: Path, refuse: Refuse) -> Robot | None:
-    """The robot at its base, with the what-if scales applied."""
+def build_robot(
+    entry: RobotEntry, folder: Path, refuse: Refuse, kept: Path | None = None
+) -> Robot | None:
+    """The robot at its base, with the what-if scales applied; `kept` takes its file's place."""
     if (entry.model is None) == (entry.urdf is None):
         refuse(
             "robot-choice",
@@ -46,7 +48,7 @@ def build_robot(entry: RobotEntry, folder: Path, refuse: Refuse) -> Robot | None
             "name a robot of the package (model) or a URDF beside this file (urdf)",
         )
         return None
-    if entry.model is not None and entry.model not in available_robots():
+    if kept is None and entry.model is not None and entry.model not in available_robots():
         refuse(
             "robot-missing",
             entry.model,
@@ -55,8 +57,10 @@ def build_robot(entry: RobotEntry, folder: Path, refuse: Refuse) -> Robot | None
             "model",
         )
         return None
-    base = _pose(entry.base, refuse, "base")
-    if entry.model is not None:
+    base = pose_of(entry.base, refuse, "base")
+    if kept is not None:
+        robot = load_robot(kept)
+    elif entry.model is not None:
         robot = load_robot(entry.model)
     else:
         robot = load_robot(confined(str(entry.urdf), folder, "", "robot.urdf"))
@@ -129,7 +133,7 @@ def build_tool(
     entry: ToolEntry, folder: Path, refuse: Refuse
 ) -> tuple[tuple[Body, ...], Tool] | None:
     """The tool's bodies in the flange frame, and its inertial values and tip."""
-    tip = _pose(entry.tip, refuse, "tip")
+    tip = pose_of(entry.tip, refuse, "tip")
     inertia = np.array(entry.inertia_kg_m2, dtype=float)
     moments = np.linalg.eigvalsh(0.5 * (inertia + inertia.T))
     if not np.allclose(inertia, inertia.T, atol=1e-9):
@@ -167,7 +171,7 @@ def build_tool(
     bodies = []
     for index, shape in enumerate(entry.shapes or []):
         solid = _primitive(shape, refuse, "shapes", index)
-        pose = _pose(shape.pose, refuse, "shapes")
+        pose = pose_of(shape.pose, refuse, "shapes")
         if solid is not None:
             bodies.append(Body(shape.name, (solid,), pose=pose, touches=shape.touches))
     return tuple(bodies), inertial
@@ -214,7 +218,7 @@ def _primitive(
 
 def build_obstacle(entry: ObstacleEntry, folder: Path, refuse: Refuse) -> Body | None:
     """An obstacle in the world: a primitive, or a mesh with convex pieces that cover it."""
-    pose = _pose(entry.pose, refuse, "pose")
+    pose = pose_of(entry.pose, refuse, "pose")
     if entry.mesh is None:
         solid = _primitive(entry, refuse)
         return None if solid is None else Body(entry.name, (solid,), pose=pose)

@@ -47,6 +47,8 @@ def station_fingerprint(station: Station) -> str:
             stud.spin_free,
             stud.on,
         )
+        if stud.spin_rad is not None:
+            add(stud.spin_rad)
     cost = station.cost
     add(
         station.spin_steps,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +10,24 @@ import numpy as np
 
 from dmoc.arrays import Array, StaysReadonly, readonly
 from dmoc.errors import Fault, InputError
-from dmoc.input_file import content_of
+from dmoc.table_file import number_of, read_table
 
 REQUIRED = ("id", "x_m", "y_m", "z_m", "nx", "ny", "nz", "weld_time_s")
-OPTIONAL = ("spin_free", "group", "depart_x", "depart_y", "depart_z", "depart_m", "on")
+OPTIONAL = (
+    "spin_free",
+    "spin_from_deg",
+    "spin_to_deg",
+    "group",
+    "depart_x",
+    "depart_y",
+    "depart_z",
+    "depart_m",
+    "on",
+    "frame",
+)
+#: Columns that may stand for those of REQUIRED, and how many of their unit make a metre.
+_MILLIMETRES = {"x_m": "x_mm", "y_m": "y_mm", "z_m": "z_mm"}
+_TEXTS = ("id", "spin_free", "group", "on", "frame")
 _TRUE, _FALSE = ("1", "true", "yes"), ("0", "false", "no")
 _MOST_BYTES = 20_000_000
 
@@ -33,7 +46,9 @@ class Stud(StaysReadonly):
 
     `position_m`, `normal`, `depart_direction` are (3,) in world axes, the last two unit vectors;
     the normal points out of the part. With `spin_free` the tool may turn about the normal. `on`
-    names the obstacle that the stud sits on ("" if none).
+    names the obstacle that the stud sits on ("" if none). `spin_rad` are the first and the last
+    turn of the tool about the normal that are allowed (None: all), from where `weld_poses`
+    says.
     """
 
     id: str
@@ -45,41 +60,34 @@ class Stud(StaysReadonly):
     depart_m: float
     spin_free: bool = True
     on: str = ""
+    spin_rad: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("position_m", "normal", "depart_direction"):
             object.__setattr__(self, name, readonly(getattr(self, name), name, 1))
 
 
-def read_studs(path: Path, departure: DepartureDefault = DepartureDefault()) -> tuple[Stud, ...]:
-    """The studs of a CSV (`id,x_m,y_m,z_m,nx,ny,nz,weld_time_s` and optional columns).
+def read_studs(
+    path: Path,
+    departure: DepartureDefault = DepartureDefault(),
+    frames: Mapping[str, Array] | None = None,
+) -> tuple[Stud, ...]:
+    """The studs of a table (`id, x_m, y_m, z_m, nx, ny, nz, weld_time_s` and optional columns).
+
+    `frames` has the pose (4, 4) of every body that a row may name as its `frame`; None leaves such
+    rows where they are.
 
     Errors: `InputError` with the faults of all rows (code, line, column, value, legal, fix).
     """
-    text = _text(path)
-    reader = csv.reader(io.StringIO(text, newline=""))
-    try:
-        rows = [(reader.line_num, row) for row in reader]
-    except csv.Error as error:
-        raise InputError(
-            Fault(
-                "csv-syntax",
-                file=str(path),
-                line=reader.line_num,
-                value=str(error)[:120],
-                legal="comma-separated values",
-                fix="mend this line",
-            )
-        ) from error
-    rows = [(line, [cell.strip() for cell in row]) for line, row in rows if any(row)]
+    table = read_table(path, _TEXTS, _MOST_BYTES, "studs")
+    header = table.header
     faults: list[Fault] = []
-    header = rows[0][1] if rows else []
     _check_header(header, path, faults)
     if faults:
         raise InputError(faults)
     studs: list[Stud] = []
     seen: dict[str, int] = {}
-    for line, row in rows[1:]:
+    for line, row in table.rows:
         found = len(faults)
         if len(row) != len(header):
             faults.append(
@@ -94,7 +102,7 @@ def read_studs(path: Path, departure: DepartureDefault = DepartureDefault()) -> 
             )
             continue
         cells = dict(zip(header, row, strict=True))
-        stud = _stud(cells, departure, path, line, faults)
+        stud = _stud(cells, departure, frames, path, line, faults)
         if cells["id"] in seen:
             faults.append(
                 Fault(
@@ -125,60 +133,16 @@ def read_studs(path: Path, departure: DepartureDefault = DepartureDefault()) -> 
     return tuple(studs)
 
 
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(
-                Fault(
-                    "file-large",
-                    file=str(path),
-                    value=f"{path.stat().st_size} bytes",
-                    legal=f"<= {_MOST_BYTES}",
-                    fix="split the station",
-                )
-            )
-        text = content_of(path, _MOST_BYTES).decode("utf-8-sig")
-        return text.replace("\r\n", "\n").replace("\r", "\n")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            Fault(
-                "file-encoding",
-                file=str(path),
-                value=str(error)[:120],
-                legal="UTF-8 text",
-                fix="save it as UTF-8",
-            )
-        ) from error
-    except OSError as error:
-        raise InputError(
-            Fault(
-                "file-missing",
-                file=str(path),
-                field="studs",
-                value=path.name,
-                legal="an existing, readable file",
-                fix="check the name",
-            )
-        ) from error
-
-
 def _check_header(header: list[str], path: Path, faults: list[Fault]) -> None:
-    legal = ", ".join((*REQUIRED, *OPTIONAL))
-    for separator in (";", "\t"):
-        if len(header) == 1 and header[0].count(separator) >= len(REQUIRED) - 1:
-            faults.append(
-                Fault(
-                    "csv-separator",
-                    file=str(path),
-                    line=1,
-                    value=repr(separator),
-                    legal="commas between the columns, points in numbers",
-                    fix="export it with commas",
-                )
-            )
-            return
+    legal = ", ".join((*REQUIRED, *OPTIONAL, *_MILLIMETRES.values()))
     for name in REQUIRED:
-        if name not in header:
+        in_mm = _MILLIMETRES.get(name, name)
+        if in_mm != name and name in header and in_mm in header:
+            found = f"{name} and {in_mm}"
+            faults.append(
+                Fault("csv-column", str(path), in_mm, found, "one of them", "remove one", 1)
+            )
+        if name not in header and in_mm not in header:
             faults.append(
                 Fault(
                     "csv-column",
@@ -191,7 +155,7 @@ def _check_header(header: list[str], path: Path, faults: list[Fault]) -> None:
                 )
             )
     for name in sorted(set(header)):
-        if name not in (*REQUIRED, *OPTIONAL):
+        if name not in (*REQUIRED, *OPTIONAL, *_MILLIMETRES.values()):
             faults.append(
                 Fault(
                     "csv-column",
@@ -218,7 +182,12 @@ def _check_header(header: list[str], path: Path, faults: list[Fault]) -> None:
 
 
 def _stud(
-    cells: dict[str, str], departure: DepartureDefault, path: Path, line: int, faults: list[Fault]
+    cells: dict[str, str],
+    departure: DepartureDefault,
+    frames: Mapping[str, Array] | None,
+    path: Path,
+    line: int,
+    faults: list[Fault],
 ) -> Stud | None:
     start = len(faults)
 
@@ -237,10 +206,7 @@ def _stud(
 
     def number(column: str, least: float, most: float) -> float:
         text = cells.get(column, "")
-        try:
-            value = float(text)
-        except ValueError:
-            value = np.nan
+        value = number_of(text)
         if not least <= value <= most:
             fix = "write a number"
             if column in ("x_m", "y_m", "z_m") and np.isfinite(value):
@@ -253,7 +219,12 @@ def _stud(
 
     if not 1 <= len(cells["id"]) <= 80 or not cells["id"].isprintable():
         refuse("id", repr(cells["id"]), "a name of 1 to 80 printable characters", "name the stud")
-    position = np.array([number(name, -100, 100) for name in ("x_m", "y_m", "z_m")])
+    position = np.array(
+        [
+            number(name, -100, 100) if name in cells else number(in_mm, -1e5, 1e5) / 1000.0
+            for name, in_mm in _MILLIMETRES.items()
+        ]
+    )
     if np.any(np.abs(position) > 60):
         refuse(
             "x_m, y_m, z_m",
@@ -271,12 +242,32 @@ def _stud(
         )
     else:
         direction = normal if departure.direction is None else np.array(departure.direction)
+    frame = cells.get("frame", "")
+    if frame and frames is not None and frame not in frames:
+        refuse("frame", frame, ", ".join(frames) or "no obstacle", "name an obstacle", "stud-frame")
+    elif frame and frames is not None:
+        turn, at = frames[frame][:3, :3], frames[frame][:3, 3]
+        if any(lengths) or departure.direction is None:
+            direction = turn @ direction  # the station's own direction is the world's
+        position, normal = turn @ position + at, turn @ normal
     depart_m = departure.length_m
     if cells.get("depart_m"):
         depart_m = number("depart_m", 1e-4, 1.0)
     spin_text = cells.get("spin_free", "").lower()
     if spin_text not in ("", *_TRUE, *_FALSE):
         refuse("spin_free", repr(spin_text), "true or false", "write true or false")
+    spin = None
+    given = [name for name in ("spin_from_deg", "spin_to_deg") if cells.get(name)]
+    if len(given) == 1:
+        refuse(given[0], cells[given[0]], "both ends of the range, or none", "give the other too")
+    elif given:
+        low, high = (number(name, -360, 360) for name in given)
+        if not 0 <= high - low <= 360 and np.isfinite(high - low):
+            value = f"{low:g} to {high:g}"
+            refuse("spin_to_deg", value, "0 to 360 degrees from spin_from_deg", "mend the range")
+        if spin_text in _FALSE:
+            refuse("spin_free", spin_text, "true where a range is given", "leave one of them out")
+        spin = (float(np.radians(low)), float(np.radians(high)))
     if len(faults) > start:
         return None
     for column, vector in (("nx, ny, nz", normal), ("depart_x, depart_y, depart_z", direction)):
@@ -304,4 +295,5 @@ def _stud(
         depart_m=depart_m,
         spin_free=spin_text not in _FALSE,
         on=cells.get("on", ""),
+        spin_rad=spin,
     )

@@ -75,7 +75,7 @@ def init_station(
     folder.mkdir(parents=True, exist_ok=True)
     _copy(part, folder / part.name)
     _copy(studs, folder / "studs.csv")
-    copied = robot.urdf if named else _copy_robot(robot, folder / "robot", estimate)
+    copied = robot.urdf if named else copy_robot(robot, folder / "robot", estimate)
     text = _TEMPLATE.format(
         name="".join(c if c.isalnum() or c in "_.-" else "_" for c in folder.resolve().name),
         robot=f"model: {urdf}" if named else f"urdf: robot/{copied.name}",
@@ -99,7 +99,7 @@ def _copy(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def _copy_robot(robot: Robot, folder: Path, estimate: dict[str, Any]) -> Path:
+def copy_robot(robot: Robot, folder: Path, estimate: dict[str, Any] | None = None) -> Path:
     """The URDF (a xacro file expanded), its meshes and a robot.yaml that names the flange."""
     description = robot.description
     target = folder / f"{description.file.stem.removesuffix('.urdf')}.urdf"

@@ -63,14 +63,22 @@ def weld_poses(stud: Stud, spin_steps: int) -> Array:
     """Tip poses (S, 4, 4) of a weld: +Z = −normal, turned about it in equal steps.
 
     The first has its X along the world's x axis as nearly as the normal lets it (y axis where the
-    normal is within 26° of x). One pose only if the stud does not allow the tool to spin.
+    normal is within 26° of x). One pose only if the stud does not allow the tool to spin; where it
+    allows a range of turns, about as densely from its one end to the other.
     """
     z = -np.asarray(stud.normal)
     seed = np.array([1.0, 0, 0]) if abs(z[0]) < 0.9 else np.array([0.0, 1, 0])
     x = seed - (seed @ z) * z
     x /= np.linalg.norm(x)
     y = np.cross(z, x)
-    angles = 2 * np.pi * np.arange(spin_steps if stud.spin_free else 1) / spin_steps
+    count = spin_steps if stud.spin_free else 1
+    angles = 2 * np.pi * np.arange(count) / spin_steps
+    if stud.spin_rad is not None:
+        low, high = stud.spin_rad
+        ends = high - low < 2 * np.pi - 1e-9
+        count = max(1, round(spin_steps * (high - low) / (2 * np.pi)))
+        count = count + int(ends) if high > low else 1
+        angles = low + (high - low) * np.arange(count) / max(1, count - int(ends))
     poses = np.tile(np.eye(4), (len(angles), 1, 1))
     poses[:, :3, 0] = np.outer(np.cos(angles), x) + np.outer(np.sin(angles), y)
     poses[:, :3, 1] = np.outer(np.cos(angles), y) - np.outer(np.sin(angles), x)

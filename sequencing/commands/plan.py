@@ -23,6 +23,7 @@ from sequencing.report.html import write_report
 from sequencing.report.progress import plan_progress
 from sequencing.report.scene import write_scene
 from sequencing.runs.folder import read_run, write_run
+from sequencing.runs.inputs import locked
 
 
 @dataclass(frozen=True)
@@ -108,27 +109,28 @@ def run_plan(
         conditional_gap=conditional_gap, max_evaluations=max_evaluations, coverage_edges=coverage
     )
     events: list[PlanEvent] = []
-    try:
-        with open_bench(folder, workers) as bench:
-            cycle = plan_station(
-                station,
-                seed=seed,
-                method=method,
-                solver=solver,
-                stop=stop,
-                store=bench.store,
-                executor=bench.executor,
-                progress=_kept(bench.progress, events),
-                polish=polish,
-            )
-    except NoCycle as none:
-        return no_cycle(console, none, folder)
-    planned = time.perf_counter() - began
-    reuse = next(event.reuse for event in reversed(events) if event.reuse is not None)
-    write_run(cycle, folder, _timing(planned, planned, reuse))
-    write_pages(cycle, folder)
-    wall = time.perf_counter() - began
-    write_run(cycle, folder, _timing(planned, wall, reuse))
+    with locked(folder):
+        try:
+            with open_bench(folder, workers) as bench:
+                cycle = plan_station(
+                    station,
+                    seed=seed,
+                    method=method,
+                    solver=solver,
+                    stop=stop,
+                    store=bench.store,
+                    executor=bench.executor,
+                    progress=_kept(bench.progress, events),
+                    polish=polish,
+                )
+        except NoCycle as none:
+            return no_cycle(console, none, folder)
+        planned = time.perf_counter() - began
+        reuse = next(event.reuse for event in reversed(events) if event.reuse is not None)
+        write_run(cycle, folder, _timing(planned, planned, reuse))
+        write_pages(cycle, folder)
+        wall = time.perf_counter() - began
+        write_run(cycle, folder, _timing(planned, wall, reuse))
     console.show((folder / "tables.md").read_text(encoding="utf-8"))
     console.show(f"{reuse.summary()} (listed in timing.json)")
     console.show(

@@ -115,7 +115,7 @@ def _move(
     wanted: list[Between] = []
     for k in batch:
         stud, weld = studs[state.welds[k].stud], state.welds[k]
-        if not stud.spin_free or state.step_rad[k] < LEAST_STEP_RAD:
+        if not stud.spin_free or stud.spin_rad is not None or state.step_rad[k] < LEAST_STEP_RAD:
             state.step_rad[k] = 0.0
             continue
         if state.slope[k] is None:

@@ -13,7 +13,7 @@ from sequencing.export.rapid import rapid_program
 from sequencing.export.ros import ROS_STATEMENT, ros_files
 from sequencing.export.rtde import csv_log, rtde_log
 from sequencing.export.urscript import urscript_program
-from sequencing.export.wording import POINT_TO_POINT, STREAMED
+from sequencing.export.wording import POINT_TO_POINT, STREAMED, program_name
 from sequencing.runs.archive import write_atomic
 from sequencing.runs.folder import Run
 
@@ -85,7 +85,10 @@ def _texts(run: Run, format: str, step_s: float | None) -> tuple[dict[str, str],
     """Text by file name, and the deviation where it is known."""
     if format == "ros":
         return ros_files(run), 0.0
+    language = {"krl": "KRL", "rapid": "RAPID", "urscript": "URScript"}.get(format)
     stem = "".join(c if c.isalnum() or c in "-_" else "_" for c in run.name) or "run"
+    if language:
+        stem = program_name(run.name, language)
     if format in _PROGRAMS:
         suffix, program = _PROGRAMS[format]
         return {stem + suffix: program(run)}, None

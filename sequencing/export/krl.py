@@ -9,8 +9,8 @@ from dmoc.motion.trajectory import JointTrajectory
 from sequencing.export.wording import (
     POINT_TO_POINT,
     header_lines,
-    identifier,
     point_to_point,
+    program_name,
     six_joints,
 )
 from sequencing.runs.folder import Run
@@ -24,7 +24,7 @@ def krl_program(run: Run) -> str:
         "  $APO.CPTP = 1",
         *point_to_point(run, "  ;", lambda q: f"  PTP {_axes(q)}", _moves, "  WAIT SEC {:.3f}"),
     ]
-    name = identifier(run.name, 24)
+    name = program_name(run.name, "KRL")
     head = [f"; {line}" for line in header_lines(run, POINT_TO_POINT)]
     return "\n".join([f"DEF {name}( )", *head, *body, "END"]) + "\n"
 

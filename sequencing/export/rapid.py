@@ -9,8 +9,8 @@ from dmoc.motion.trajectory import JointTrajectory
 from sequencing.export.wording import (
     POINT_TO_POINT,
     header_lines,
-    identifier,
     point_to_point,
+    program_name,
     six_joints,
 )
 from sequencing.runs.folder import Run
@@ -32,7 +32,7 @@ def rapid_program(run: Run) -> str:
         _moves,
         "    WaitTime {:.3f};",
     )
-    name = identifier(run.name, 28)
+    name = program_name(run.name, "RAPID")
     head = [f"  ! {line}" for line in header_lines(run, POINT_TO_POINT)]
     return (
         "\n".join(

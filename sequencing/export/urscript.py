@@ -6,8 +6,8 @@ from dmoc.motion.trajectory import JointTrajectory
 from sequencing.export.wording import (
     STREAMED,
     header_lines,
-    identifier,
     point_to_point,
+    program_name,
     sampled,
     six_joints,
 )
@@ -20,7 +20,7 @@ _LOOKAHEAD_S, _GAIN = 0.1, 300
 def urscript_program(run: Run, step_s: float) -> tuple[str, float]:
     """The program and its largest deviation [rad] from the plan, streamed every `step_s`."""
     six_joints(run, "URScript")
-    name = identifier(run.name, 40)
+    name = program_name(run.name, "URScript")
     command = f", t={step_s:g}, lookahead_time={_LOOKAHEAD_S:g}, gain={_GAIN})"
     deviations = [0.0]
 

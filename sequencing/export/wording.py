@@ -55,12 +55,55 @@ def title(item: CycleMotion) -> str:
     return ascii_text(f"{item.key} {item.origin} -> {item.target}")
 
 
-def identifier(text: str, longest: int) -> str:
-    """A program name: letters, digits, underscores, a letter first, at most `longest` long."""
+#: Longest name of a program, and words that name none: those of the language, and programs and
+#: functions that every controller has.
+_LANGUAGES: dict[str, tuple[int, frozenset[str]]] = {}
+for _language, _longest, _words in (
+    (
+        "RAPID",
+        28,
+        "alias and backward base case connect const default div do else elseif endfor endfunc "
+        "endif endmodule endproc endrecord endtest endtrap endwhile error exit false for from "
+        "func goto if inout local main mod module nostepin not noview or pers proc raise "
+        "readonly record retry return step sysmodule task test then to trap true trynext undo "
+        "user var viewonly while with xor",
+    ),
+    (
+        "KRL",
+        24,
+        "and anin anout axis b_and b_exor b_not b_or bas bas_ext bool brake c_dis c_ori c_ptp "
+        "c_spl c_vel case cast_from cast_to ccomp cell channel char circ circ_rel confirm "
+        "const const_key continue decl def default defdat deffct delay div do e6axis e6pos "
+        "else end enddat endfct endfor endif endloop endspline endswitch endwhile enum error "
+        "exit exor ext extfct extp false for frame geo global goto halt if imp import int "
+        "interrupt inv_pos ir_stopm is label lin lin_rel loop maximum minimum mod not or p00 "
+        "peri pos prio private ptp ptp_rel public pulse real repeat resume return scirc sec "
+        "seq signal slin spl spline sps sptp step struc switch then time_block to trigger "
+        "true until wait when while with_block",
+    ),
+    (
+        "URScript",
+        40,
+        "abs and break ceil continue cos def elif else end enter_critical exit_critical false "
+        "floor for force_mode freedrive_mode get_actual_joint_positions get_inverse_kin "
+        "global halt if in join kill local log loop mod movec movej movel movep none norm not "
+        "or pass popup pow random return run sec servoc servoj set_payload set_tcp sin sleep "
+        "speedj speedl sqrt stopj stopl struct sync tan textmsg thread true until while xor",
+    ),
+):
+    _LANGUAGES[_language] = (_longest, frozenset(_words.split()))
+
+
+def program_name(text: str, language: str) -> str:
+    """The name of a program and of its file: letters, digits, underscores, a letter first, no word
+    of the language, not longer than its controllers take."""
+    longest, reserved = _LANGUAGES[language]
     name = re.sub(r"[^A-Za-z0-9_]", "_", text)
-    if not name or not name[0].isalpha():
+    if not name or not name[0].isalpha() or name.lower() in reserved:
         name = "P_" + name
-    return name[:longest]
+    name = name[:longest]
+    # What is left of a long name could be a word again.
+    return "P_" + name if name.lower() in reserved else name
 
 
 def six_joints(run: Run, language: str) -> None:

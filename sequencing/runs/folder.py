@@ -6,6 +6,7 @@ two do not belong together (a run interrupted while it was replacing an older on
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +31,7 @@ from planning.station.station import Station
 from sequencing.cycle_types import Cycle, CycleCost, CycleMotion, Weld
 from sequencing.runs.archive import csv_text, json_text, npz_bytes, sha256_of, write_atomic
 from sequencing.runs.clock import CycleTimeline, timeline
+from sequencing.runs.inputs import forget_pages, keep_inputs, kept_inputs
 from sequencing.runs.result import (
     SCHEMA_VERSION,
     RunResult,
@@ -41,16 +43,18 @@ from sequencing.runs.tables import tables_markdown
 
 
 def station_of(run: Run) -> Station:
-    """The station that `run` was planned in: embedded, or from the file it was read from.
+    """The station that `run` was planned in: the one it keeps, else the file it was read from.
 
     Errors: `InputError` run-station when the file is gone or the station has changed since.
     """
     wanted = run.result["inputs"]["station_fingerprint"]
     value = "no station file"
-    for candidate in _candidates(run):
-        station = (
-            load_station(candidate) if isinstance(candidate, Path) else demo_station(candidate)
-        )
+    own, kept = kept_inputs(run.folder)
+    for candidate in [*([] if own is None else [own]), *_candidates(run)]:
+        if isinstance(candidate, str):
+            station = demo_station(candidate)
+        else:
+            station = load_station(candidate, kept if candidate == own else None)
         # A run of before hashed its station in another way: then its files decide.
         files = run.result["inputs"].get("files")
         if station.fingerprint == wanted or (files and input_hashes(station) == files):
@@ -131,8 +135,8 @@ _ARRAYS = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
 class Run:
     """A run read back: `result` is result.json; motions and welds in order of execution.
 
-    `robot` is rebuilt from the packaged robot that the run names and is None when that robot is
-    not in the package or has changed since (`robot_note` says which); pass one to `read_run`.
+    `robot` is read from the files that the run keeps (one of before: from the package) and None
+    where there are none or they have changed (`robot_note` says which); or pass one to `read_run`.
     """
 
     folder: Path
@@ -184,12 +188,14 @@ def write_run(cycle: Cycle, out: Path | str, timing: Mapping[str, Any]) -> None:
     """Write result.json, timing.json, motions.npz, a CSV per motion and tables.md to `out`.
 
     Every file is replaced in one step; other files in `out` are left alone, but for CSV files of
-    motions that an earlier run had and this one has not. `timing` (CPU and wall seconds) goes to
+    motions that an earlier run had and this one has not, and pages and programs of another result.
+    Station and robot are kept in `inputs`. `timing` (CPU and wall seconds) goes to
     timing.json only, with the place of the station file: for the same cycle all other files have
     the same bytes.
     """
     out, station = Path(out), cycle.station
     write_atomic(out / "timing.json", json_text({"station_source": str(station.source), **timing}))
+    keep_inputs(out, station.robot, station.source)
     _write(out, station.robot, cycle.motions, lambda files: result_of(cycle, files))
 
 
@@ -205,6 +211,7 @@ def write_motions(
 
     The files are those of `write_run` but timing.json; every command that takes a run takes it.
     """
+    keep_inputs(Path(out), robot, None)
     _write(
         Path(out),
         robot,
@@ -233,8 +240,12 @@ def _write(
     for stale in sorted((out / "motions").glob("m[0-9]*.csv")):
         if stale.name not in names:
             stale.unlink()
-    write_atomic(out / "motions.npz", npz_bytes(arrays))
-    result = result_with({"motions.npz": sha256_of(out / "motions.npz")})
+    content = npz_bytes(arrays)
+    result = result_with({"motions.npz": hashlib.sha256(content).hexdigest()})
+    before = out / "result.json"
+    if before.is_file() and before.read_bytes() != json_text(result).encode():
+        forget_pages(out)
+    write_atomic(out / "motions.npz", content)
     write_atomic(out / "tables.md", tables_markdown(result))
     write_atomic(out / "result.json", json_text(result))
 
@@ -250,7 +261,7 @@ def read_run(folder: Path | str, robot: Robot | None = None) -> Run:
     try:
         note = ""
         if robot is None:
-            robot, note = _robot_of(result["robot"])
+            robot, note = _robot_of(result["robot"], kept_inputs(folder)[1])
         elif robot.fingerprint != result["robot"]["fingerprint"]:
             note = f"robot {robot.name} is not the one that the run was planned with"
         motions = tuple(_motion_of(entry, archive, robot) for entry in result["motions"])
@@ -362,14 +373,20 @@ def _motion_of(
     return CycleMotion(entry["key"], entry["from"], entry["to"], entry["kind"], motion)
 
 
-def _robot_of(entry: Mapping[str, Any]) -> tuple[Robot | None, str]:
-    try:
-        robot = load_robot(entry["name"])
-    except RobotError:
-        return None, f"robot {entry['name']} is not in the package: torques come from the file"
-    robot = robot.with_base(pin.SE3(np.array(entry["world_from_base"])))
-    robot = robot.with_mass_scale(entry["mass_scale"]).with_tool(Tool(**entry["tool"]))
-    robot = robot.with_payload(entry["payload_kg"]).with_limits(**entry["limits"])
-    if robot.fingerprint != entry["fingerprint"]:
-        return None, f"robot {entry['name']} has changed since: torques come from the file"
-    return robot, ""
+def _robot_of(entry: Mapping[str, Any], kept: Path | None) -> tuple[Robot | None, str]:
+    """The robot that the run keeps, else the one of the package; None and why not."""
+    note = f"robot {entry['name']} is not in the package: torques come from the file"
+    for name in (kept, entry["name"]):
+        if name is None:
+            continue
+        try:
+            robot = load_robot(name)
+        except RobotError:
+            continue
+        robot = robot.with_base(pin.SE3(np.array(entry["world_from_base"])))
+        robot = robot.with_mass_scale(entry["mass_scale"]).with_tool(Tool(**entry["tool"]))
+        robot = robot.with_payload(entry["payload_kg"]).with_limits(**entry["limits"])
+        if robot.fingerprint == entry["fingerprint"]:
+            return robot, ""
+        note = f"robot {entry['name']} has changed since: torques come from the file"
+    return None, note

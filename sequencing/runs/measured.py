@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import correlate
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError
@@ -18,7 +20,10 @@ from sequencing.runs.measured_log import ControllerLog, read_controller_log
 
 # A joint that is faster than this moves [rad/s].
 MOVING_RAD_S = 0.01
-_FINE_S = 0.002
+_FINE_S, _COARSE_S = 0.002, 0.02
+_MOST_SAMPLES = 20_000
+# A log that is nearer to the plan than this is the plan's, in radians [rad].
+_NEAR_RAD = 0.1
 
 
 def measured_against_plan(
@@ -33,7 +38,8 @@ def measured_against_plan(
     DC-side energy, and both readings of ΣI·V from measured currents. What the log does not hold,
     or the robot has no drive for, is None.
 
-    Errors: `InputError` for a log or run that cannot be read, or of another robot (log-joints).
+    Errors: `InputError` for a log or run that cannot be read, of another robot (log-joints), or in
+    degrees (log-unit).
     """
     record = read_controller_log(log)
     run = read_run(run_dir, robot)
@@ -50,9 +56,20 @@ def measured_against_plan(
             )
         )
     line = run.timeline
-    shift = _shift(record, line)
+    shift, misfit = _shift(record, line)
+    if misfit > _NEAR_RAD and _shift(record, line, math.pi / 180.0)[1] < 0.1 * misfit:
+        raise InputError(
+            Fault(
+                "log-unit",
+                file=str(log),
+                field=f"{record.source}_q",
+                value="as degrees it fits the plan",
+                legal="radians",
+                fix="convert positions and velocities to radians",
+            )
+        )
     times = record.t_s - shift
-    planned = _planned(line, times)
+    planned, state = _planned(line, times), _state(line, run, times)
     error = record.q_rad - planned
     planned_s, logged_s = _moving_s(*_fine(line)), _moving_s(record.t_s, record.velocity_rad_s)
     return {
@@ -71,8 +88,8 @@ def measured_against_plan(
             "largest_rad": np.abs(error).max(axis=0).tolist(),
             "rms_rad": np.sqrt(np.mean(error**2, axis=0)).tolist(),
         },
-        "current": _currents(record, run, line, times),
-        "energy": _energies(record, run, line, times),
+        "current": _currents(record, run, state),
+        "energy": _energies(record, run, state),
     }
 
 
@@ -81,26 +98,46 @@ def _planned(line: CycleTimeline, times: Array) -> Array:
     return np.asarray(line.at(np.clip(times, 0.0, line.duration_s)).q_rad)
 
 
-def _shift(record: ControllerLog, line: CycleTimeline) -> float:
-    """The time in the log at which the plan begins, by least squares of all joints."""
-    grid = np.arange(0.0, line.duration_s + _FINE_S, _FINE_S)
-    curve = _planned(line, grid)
+def _shift(record: ControllerLog, line: CycleTimeline, scale: float = 1.0) -> tuple[float, float]:
+    """The time in the log at which the plan begins, by least squares of all joints, and the rms.
 
-    def misfit(shift: float) -> float:
-        at = np.clip((record.t_s - shift) / _FINE_S, 0.0, len(grid) - 1.0)
-        low = np.minimum(at.astype(int), len(grid) - 2)
-        share = (at - low)[:, None]
-        q = (1.0 - share) * curve[low] + share * curve[low + 1]
-        return float(np.sum((record.q_rad - q) ** 2))
+    Coarsely over all shifts at once, as a correlation; then finely at up to `_MOST_SAMPLES` samples
+    of the log. `scale` multiplies the log's positions.
+    """
+    grid = np.arange(0.0, line.duration_s + _COARSE_S, _COARSE_S)
+    plan = _planned(line, grid)
+    times = np.arange(0.0, record.duration_s + _COARSE_S, _COARSE_S)
+    seen = scale * np.column_stack([np.interp(times, record.t_s, q) for q in record.q_rad.T])
+    # Before the plan begins it stands at its first pose, after its end at the last one: three sums
+    # over the log, of which the middle one is a correlation with the plan.
+    before = np.append(0.0, np.cumsum(np.sum((seen - plan[0]) ** 2, axis=1)))
+    after = np.append(0.0, np.cumsum(np.sum((seen - plan[-1]) ** 2, axis=1)))
+    square = np.append(0.0, np.cumsum(np.sum(seen**2, axis=1)))
+    own = np.append(0.0, np.cumsum(np.sum(plan**2, axis=1)))
+    cross = sum(correlate(seen[:, j], plan[:, j], method="fft") for j in range(plan.shape[1]))
+    begin = np.arange(-(len(plan) - 1), len(seen))
+    low, high = np.clip(begin, 0, len(seen)), np.clip(begin + len(plan), 0, len(seen))
+    inside = square[high] - square[low] - 2.0 * cross + own[high - begin] - own[low - begin]
+    misfit = before[low] + inside + after[-1] - after[high]
+    best = float(begin[int(np.argmin(misfit))]) * _COARSE_S
 
-    coarse = np.arange(-line.duration_s, record.duration_s, 0.02)
-    best = float(coarse[int(np.argmin([misfit(x) for x in coarse]))])
-    width = 0.02
+    stride = max(1, len(record.t_s) // _MOST_SAMPLES)
+    t, q = record.t_s[::stride], scale * record.q_rad[::stride]
+    fine = np.arange(0.0, line.duration_s + _FINE_S, _FINE_S)
+    curve = _planned(line, fine)
+
+    def error(shift: float) -> float:
+        at = np.clip((t - shift) / _FINE_S, 0.0, len(fine) - 1.0)
+        first = np.minimum(at.astype(int), len(fine) - 2)
+        share = (at - first)[:, None]
+        return float(np.mean((q - (1.0 - share) * curve[first] - share * curve[first + 1]) ** 2))
+
+    width = _COARSE_S
     for _ in range(8):
         near = best + width * np.linspace(-1.0, 1.0, 9)
-        best = float(near[int(np.argmin([misfit(x) for x in near]))])
+        best = float(near[int(np.argmin([error(x) for x in near]))])
         width *= 0.3
-    return best
+    return best, math.sqrt(error(best))
 
 
 def _fine(line: CycleTimeline) -> tuple[Array, Array]:
@@ -129,10 +166,7 @@ def _state(line: CycleTimeline, run: Run, times: Array) -> MotionState | None:
     return MotionState(settled(velocity), acceleration, acceleration, torque)
 
 
-def _currents(
-    record: ControllerLog, run: Run, line: CycleTimeline, times: Array
-) -> dict[str, Any] | None:
-    state = _state(line, run, times)
+def _currents(record: ControllerLog, run: Run, state: MotionState | None) -> dict[str, Any] | None:
     if record.current_a is None or state is None or run.robot is None or not run.robot.drive:
         return None
     drive = drive_from_mapping(run.robot.drive, run.robot.num_joints, run.robot.provenance)
@@ -147,7 +181,7 @@ def _currents(
 
 
 def _energies(
-    record: ControllerLog, run: Run, line: CycleTimeline, times: Array
+    record: ControllerLog, run: Run, state: MotionState | None
 ) -> dict[str, float | None]:
     report: dict[str, float | None] = dict.fromkeys(
         (
@@ -161,7 +195,6 @@ def _energies(
         )
     )
     t = record.t_s
-    state = _state(line, run, times)
     if state is not None and run.robot is not None and run.robot.drive:
         drive = drive_from_mapping(run.robot.drive, run.robot.num_joints, run.robot.provenance)
         power = electrical_power_w(state.velocity, state.acceleration, state.torque, drive)

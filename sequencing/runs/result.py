@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
-import yaml
 
 from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.trajectory import JointTrajectory
@@ -20,6 +19,7 @@ from planning.path.rrt_connect import available_planner
 from planning.station.station import Station
 from sequencing.cycle_types import Cycle, CycleMotion, Search, Tables
 from sequencing.runs.archive import sha256_of
+from sequencing.runs.inputs import named_files
 
 
 def cost_shares(trajectory: JointTrajectory, cost: Cost | ElectricalCost) -> dict[str, float]:
@@ -53,15 +53,8 @@ def input_hashes(station: Station) -> dict[str, str]:
     robot's only.
     """
     hashes: dict[str, str] = {}
-    source = Path(station.source)
-    if source.is_file():
-        folder = source.parent
-        hashes[source.name] = sha256_of(source)
-        tree = yaml.safe_load(source.read_text(encoding="utf-8"))
-        for text in set(_texts(tree)):
-            path = folder / text
-            if len(text) < 250 and "\n" not in text and path.is_file():
-                hashes[Path(text).as_posix()] = sha256_of(path)
+    for name, path in named_files(Path(station.source)).items():
+        hashes[name] = sha256_of(path)
     urdf = Path(station.robot.urdf)
     shapes = (item.shape.mesh for item in station.robot.link_shapes())
     meshes = (path for path in shapes if path is not None)
@@ -69,17 +62,6 @@ def input_hashes(station: Station) -> dict[str, str]:
         if path.is_file():
             hashes[f"robot/{path.name}"] = sha256_of(path)
     return dict(sorted(hashes.items()))
-
-
-def _texts(tree: Any) -> Iterator[str]:
-    if isinstance(tree, str):
-        yield tree
-    elif isinstance(tree, dict):
-        for value in tree.values():
-            yield from _texts(value)
-    elif isinstance(tree, list):
-        for value in tree:
-            yield from _texts(value)
 
 
 SCHEMA_VERSION = 1

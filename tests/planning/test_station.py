@@ -17,6 +17,7 @@ from dmoc.errors import InputError
 from planning.collision.world import CollisionWorld
 from planning.station.build import available_stations, demo_station, load_station
 from planning.station.schema import station_schema
+from planning.welds.poses import weld_poses
 
 ROOT = Path(__file__).parents[2]
 SMALL = """\
@@ -240,7 +241,8 @@ def test_all_faults_at_once_with_lines_and_fields(tmp_path):
         (STUDS.replace("0,0,2,1", "0,0,2,-1"), "stud-value"),
         (STUDS.splitlines()[0], "studs-empty"),
         ("", "csv-column"),
-        (STUDS.replace(",", ";"), "csv-separator"),
+        (STUDS.replace(",", ";").replace("0.1;", "0,1;"), "csv-decimal"),
+        (STUDS.replace("0.6,", "0_6,"), "stud-value"),
         (STUDS.replace("\na,", '\n"a\n1",'), "stud-value"),
         ("id,x_m,y_m,z_m,nx,ny,nz,weld_time_s,on\na,0.6,0,0.15,0,0,1,1,moon\n", "stud-on"),
         (
@@ -256,6 +258,64 @@ def test_all_faults_at_once_with_lines_and_fields(tmp_path):
 )
 def test_bad_studs_are_named(tmp_path, studs, code):
     assert code in faults_of(write(tmp_path, studs=studs))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s: s.replace(",", ";"),
+        lambda s: s.replace(",", ";").replace(".", ","),
+        lambda s: s.replace(",", "\t").replace(".", ","),
+        lambda s: s.replace(",", "  "),
+        lambda s: "# exported\n" + s.replace(",", " ; "),
+    ],
+)
+def test_studs_with_another_separator_and_mark_are_the_same(tmp_path, change):
+    plain = load_station(write(tmp_path))
+    assert load_station(write(tmp_path, studs=change(STUDS))) == plain
+
+
+TURNED = SMALL.replace(
+    "pose: {position_m: [0.7, 0, 0.1]}",
+    "pose: {position_m: [0.7, 0, 0.1], quaternion_xyzw: [0, 0, 0.7071067811865476, "
+    "0.7071067811865476]}",
+)
+
+
+def test_studs_in_millimetres_and_in_the_axes_of_a_body(tmp_path):
+    plain = load_station(write(tmp_path, TURNED))
+    # A quarter turn about z: the table's x is the world's y.
+    rows = "id;x_mm;y_mm;z_mm;nx;ny;nz;weld_time_s;frame\na;100,0;100;50;0;0;2;1;table\n"
+    rows += "b;-200;0;50;0;0;1;1;table\n"
+    framed = load_station(write(tmp_path, TURNED, rows))
+    for a, b in zip(plain.studs, framed.studs):
+        np.testing.assert_allclose(a.position_m, b.position_m, atol=1e-12)
+        np.testing.assert_allclose(a.normal, b.normal, atol=1e-12)
+        np.testing.assert_allclose(a.depart_direction, b.depart_direction, atol=1e-12)
+    assert "stud-frame" in faults_of(write(tmp_path, TURNED, rows.replace("table", "moon")))
+    assert "csv-column" in faults_of(write(tmp_path, studs=rows.replace("nx", "x_m", 1)))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "turns"),
+    [
+        (-30, 30, [-30, 0, 30]),
+        (10, 10, [10]),
+        (0, 360, list(range(0, 360, 30))),
+        (80, 90, [80, 90]),
+    ],
+)
+def test_a_range_of_spins_is_tried_from_end_to_end(tmp_path, low, high, turns):
+    rows = STUDS.replace("weld_time_s", "weld_time_s,spin_from_deg,spin_to_deg")
+    rows = rows.replace("2,1\n", f"2,1,{low},{high}\n").replace("1,1\n", "1,1,,\n")
+    station = load_station(write(tmp_path, studs=rows))
+    poses, free = (weld_poses(stud, 12) for stud in station.studs)
+    angle = np.degrees(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
+    np.testing.assert_allclose((-angle - turns + 180) % 360 - 180, 0, atol=1e-9)
+    assert len(free) == 12
+    assert station != load_station(write(tmp_path))
+    for wrong in (rows.replace(f",{high}\n", ",\n", 1), rows.replace(f",{high}\n", ",-90\n", 1)):
+        assert "stud-value" in faults_of(write(tmp_path, studs=wrong))
 
 
 def test_the_fix_names_the_unit_and_the_comma(tmp_path):

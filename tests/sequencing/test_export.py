@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointTrajectory
 from sequencing.cycle_types import CycleMotion
 from sequencing.export.exporting import EXPORT_FORMATS, export_run
+from sequencing.export.wording import _LANGUAGES
 from sequencing.runs.folder import read_run, write_motions, write_run
 from studies.ur3.readers import read_krl, read_log, read_rapid, read_ros, read_urscript
 
@@ -206,3 +208,36 @@ def test_wrong_arguments_are_coded_errors(run, tmp_path, arguments, code):
     with pytest.raises(InputError) as caught:
         export_run(run, out=tmp_path / "out", **arguments)
     assert caught.value.faults[0].code == code
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "door-left",
+        "2nd_station",
+        "underbody_station_left_side",
+        "test",
+        "end",
+        "Error",
+        "x.y",
+        "BAS",
+    ]
+    + ["sleep", "loop", "run", "base", "é"],
+)
+@pytest.mark.parametrize(
+    ("format", "pattern", "language"),
+    [
+        ("krl", r"^DEF (\w+)\(", "KRL"),
+        ("rapid", r"^MODULE (\w+)$", "RAPID"),
+        ("urscript", r"^def (\w+)\(", "URScript"),
+    ],
+)
+def test_file_and_program_have_one_legal_name(run, tmp_path, name, format, pattern, language):
+    named = replace(run, result={**run.result, "name": name})
+    (path,) = export_run(named, format, tmp_path).files
+    (found,) = re.findall(pattern, path.read_text(), re.M)
+    longest, reserved = _LANGUAGES[language]
+    assert found == path.stem
+    assert re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", found)
+    assert len(found) <= longest
+    assert found.lower() not in reserved

@@ -83,27 +83,140 @@ def test_shift_and_error_of_a_doctored_log_are_found(run_dir: Path, tmp_path: Pa
     np.testing.assert_allclose(report["current"]["logged_rms_a"], 0.5)
 
 
+HEAD = "timestamp,actual_q_0,actual_qd_0,actual_current_0\n"
+
+
+def table(change=lambda rows: rows, head: str = HEAD, sep: str = ",") -> str:
+    t = 0.04 * np.arange(80)
+    rows = np.column_stack([t, np.sin(t), np.cos(t), np.full(80, 0.5)])
+    text = [sep.join(f"{x:.9g}" for x in row) for row in change(rows)]
+    return head.replace(",", sep) + "\n".join(text) + "\n"
+
+
+def cell(row: int, column: int, value: float):
+    def change(rows):
+        rows[row, column] = value
+        return rows
+
+    return change
+
+
+def row_text(number: int, old: str, new: str) -> str:
+    lines = table().splitlines()
+    assert old in lines[number]
+    lines[number] = lines[number].replace(old, new, 1)
+    return "\n".join(lines)
+
+
 @pytest.mark.parametrize(
-    ("text", "code"),
+    ("text", "code", "line"),
     [
-        ("a,b\n1,2\n", "log-columns"),
-        ("timestamp,actual_q_0\n0,x\n", "log-value"),
-        ("timestamp,actual_q_0\n0,1\n1,1\n", "log-samples"),
-        ("timestamp,actual_q_0\n0,1\n2,1\n1,1\n3,1\n4,1\n", "log-time"),
-        ("", "log-columns"),
+        ("a,b\n1,2\n", "log-columns", None),
+        ("timestamp,actual_q_0\n0,x\n", "log-value", 2),
+        ("timestamp,actual_q_0\n0,1\n1,1\n", "log-samples", None),
+        ("timestamp,actual_q_0\n0,1\n2,1\n1,1\n3,1\n4,1\n", "log-time", 4),
+        ("", "log-columns", None),
+        ("timestamp,actual_q_0,actual_q_2\n0,1,1\n1,1,1\n2,1,1\n3,1,1", "log-unit", None),
+        ("timestamp,actual_q_0,actual_q_0\n0,1,1\n", "log-columns", None),
+        (table(cell(7, 1, np.nan)), "log-value", 9),
+        (table(cell(7, 1, np.inf)), "log-value", 9),
+        (table(cell(0, 0, np.nan)), "log-value", 2),
+        (table(cell(5, 3, -np.inf)), "log-value", 7),
+        ("# made by us\n" + table(cell(5, 3, np.nan)), "log-value", 8),
+        (row_text(9, ",0.5", ","), "log-value", 10),
+        (row_text(9, ",0.5", ""), "log-row", 10),
+        (row_text(9, ",0.5", ",0.5,1"), "log-row", 10),
+        (row_text(9, "0.5", "0_5"), "log-value", 10),
+        (row_text(9, "0.5", "0x5"), "log-value", 10),
+        (row_text(9, "0.5", "0,5"), "log-row", 10),
+        (table(lambda r: r * [1, 57.3, 57.3, 1]), "log-unit", None),
+        (table(lambda r: r * [1, 57.3, 1, 1]), "log-unit", None),
+        (table(lambda r: r * [1000, 1, 1, 1]), "log-unit", None),
+        (table(lambda r: r * [20, 1, 1, 1]), "log-unit", None),
+        (table(lambda r: r * [1, 1, 1, 1000]), "log-unit", 2),
+        (table(lambda r: np.delete(r, slice(20, 30), axis=0)), "log-gap", 22),
+        (table(sep=";").replace("0.5\n", "0,5\n", 1), "csv-decimal", None),
+        (table(head=HEAD.replace("qd_0", "q_2")), "log-columns", None),
+        (table(head=HEAD.replace("actual_qd_0", "actual_q_1")), "log-columns", None),
     ],
 )
-def test_bad_logs_are_named(text: str, code: str, tmp_path: Path, run_dir: Path) -> None:
+def test_bad_logs_are_named(text: str, code: str, line: int | None, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
+        read_controller_log(path)
+    fault = caught.value.faults[0]
+    assert (fault.code, fault.file) == (code, str(path))
+    assert line is None or fault.line == line
+    assert fault.legal
+    assert fault.fix
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        table(sep=" "),
+        table(sep="\t"),
+        table(sep=";"),
+        table(sep=";").replace(".", ","),
+        "\ufeff" + table().replace("\n", "\r\n"),
+        "sep=;\n" + table(sep=";"),
+        table(sep=" ").replace(" ", "   ").replace("\n", "  \n"),
+        "# ours\n\n" + table().replace("\n", ",note\n", 1).replace("0.5\n", '0.5,"a, b"\n'),
+        table().replace("\n", ",actual_joint_voltage_0\n", 1).replace("0.5\n", "0.5,\n"),
+    ],
+)
+def test_logs_as_recorders_and_spreadsheets_write_them(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    record = read_controller_log(path)
+    t = 0.04 * np.arange(80)
+    np.testing.assert_allclose(record.t_s, t, rtol=1e-9)
+    np.testing.assert_allclose(record.q_rad[:, 0], np.sin(t), rtol=1e-8)
+    np.testing.assert_allclose(record.current_a, 0.5)
+    assert record.joint_voltage_v is None
+
+
+def test_a_wide_text_file_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(table(sep="\t").replace(".", ","), encoding="utf-16")
+    assert len(read_controller_log(path).t_s) == 80
+
+
+def test_numbers_are_those_of_python(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=2000) * 10.0 ** rng.integers(-12, 1, 2000)
+    forms = ["{:.17g}", "{:.6e}", "{:+.4f}", "{:.3E}"]
+    cells = [forms[k % 4].format(x) for k, x in enumerate(values)]
+    cells[:4] = ["1.", ".5", "-.5e+1", "00.25"]
+    path = tmp_path / "log.csv"
+    text = [f"{1e9 + 0.01 * k:.6f},{c}" for k, c in enumerate(cells)]
+    path.write_text("timestamp,actual_q_0\n" + "\n".join(text))
+    found = read_controller_log(path).q_rad[:, 0]
+    np.testing.assert_allclose(found, [float(c) for c in cells], rtol=4e-16, atol=0)
+
+
+def test_a_log_in_degrees_near_zero_is_known_by_the_plan(run_dir: Path, tmp_path: Path) -> None:
+    lines = (run_dir / "move.rtde.csv").read_text().splitlines()
+    header, *rows = (line for line in lines if not line.startswith("#"))
+    names = header.split(",")
+    keep = [k for k, n in enumerate(names) if n == "timestamp" or n.startswith("target_q_")]
+    cells = [[float(row.split(",")[k]) for k in keep] for row in rows]
+    scaled = [[t, *(0.1 * np.degrees(q))] for t, *q in ((r[0], *r[1:]) for r in cells)]
+    path = tmp_path / "log.csv"
+    text = [",".join(map(repr, map(float, row))) for row in scaled]
+    path.write_text("\n".join([",".join(names[k] for k in keep), *text]))
+    measured_against_plan(path, run_dir)  # neither radians nor degrees: another motion
+    degrees = np.array(cells)
+    degrees[:, 1:] = np.degrees(degrees[:, 1:])
+    text = [",".join(map(repr, row)) for row in degrees.tolist()]
+    path.write_text("\n".join([",".join(names[k] for k in keep), *text]))
+    with pytest.raises(InputError, match="log-unit"):
         measured_against_plan(path, run_dir)
-    assert caught.value.faults[0].code == code
-    assert caught.value.faults[0].file == str(path)
 
 
 def test_missing_log_and_other_robot(tmp_path: Path, run_dir: Path) -> None:
-    with pytest.raises(InputError, match="log-missing"):
+    with pytest.raises(InputError, match="file-missing"):
         measured_against_plan(tmp_path / "none.csv", run_dir)
     path = tmp_path / "two.csv"
     rows = "\n".join(f"{0.1 * k},0,0" for k in range(9))

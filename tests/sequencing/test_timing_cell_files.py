@@ -102,14 +102,15 @@ def rows(change):
         (rows(lambda s: s.replace(",45\n", ",-45\n")), "csv-value"),
         (rows(lambda s: s.splitlines()[0] + "\n"), "csv-rows"),
         (rows(lambda s: ""), "csv-columns"),
-        (rows(lambda s: s.replace(",", ";")), "csv-columns"),
+        (rows(lambda s: s.replace(",", ";").replace(".", ",", 1) + "x;0.5"), "csv-decimal"),
+        (rows(lambda s: s.replace(s.splitlines()[2].split(",")[1], "1_0", 1)), "csv-value"),
         (rows(lambda s: s.replace("q2_rad", "q1_rad")), "csv-columns"),
         (rows(lambda s: s + s.splitlines()[-1] + "\n"), "no-motion"),
         (rows(lambda s: s + "x,90,0,0,0,300,0,0\n"), "joint-limit"),
-        (rows(lambda s: s + "x" * 200_000 + ",0,0,0,0,0,0,0\n"), "csv-damaged"),
+        (rows(lambda s: s + "x" * 200_000 + ",0,0,0,0,0,0,0\n"), "csv-syntax"),
         (
             lambda f: (f / "north" / "waypoints.csv").write_bytes(bytes(range(256))),
-            "csv-damaged",
+            "file-encoding",
         ),
     ],
 )

@@ -12,8 +12,7 @@ from dmoc.input_file import FieldPath, InputFaults
 from dmoc.robot.robot import Robot
 from planning.geometry.shapes import Body
 from planning.station.build import available_stations, demo_station
-from planning.station.parts import build_robot, build_tool
-from planning.station.schema import RobotEntry
+from planning.station.parts import build_tool, pose_of
 from planning.station.station import Station
 from sequencing.runs.folder import Run, read_run, station_of
 from sequencing.timing.cell.schema import CellRobotEntry
@@ -43,10 +42,8 @@ def robot_from_run(build: InputFaults, entry: CellRobotEntry, k: int) -> CellRob
             "run-robot", run.robot_note, "a robot of the package, unchanged", "plan it again"
         )
         return None
-    given = RobotEntry(model=run.robot.name, base=entry.base)
-    placed = build_robot(given, build.folder, build.refuse(field))
-    base = pin.SE3.Identity() if placed is None else placed.base
-    robot = run.robot.with_base(base)
+    base = pose_of(entry.base, build.refuse(field), "base")
+    robot = run.robot.with_base(pin.SE3(base[:3, :3].copy(), base[:3, 3].copy()))
     station = _station(run)
     bodies = _tool(build, entry, station, field)
     weld_s = {weld.stud: float(weld.time_s) for weld in run.welds}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ from dmoc.errors import DmocError, Fault, InputError
 from dmoc.input_file import Refuse, content_of
 from dmoc.motion.trajectory import JointTrajectory, inverse_dynamics
 from dmoc.robot.robot import Robot
+from dmoc.table_file import number_of, read_table
 from sequencing.timing.cell.schema import LoadEntry
 from sequencing.timing.cell.types import CellRobot
 
@@ -237,20 +237,8 @@ def _limits(path: Path, name: str, motion: JointTrajectory, robot: Robot) -> lis
 def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotions:
     n = robot.num_joints
     columns = ["label", *[f"q{j + 1}_rad" for j in range(n)]]
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            header = list(reader.fieldnames or [])
-            rows = list(reader)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError.of(
-            "csv-damaged",
-            str(path),
-            "waypoints.csv",
-            str(error)[:100],
-            "a table of UTF-8 text with commas",
-            "save it as CSV, UTF-8",
-        ) from error
+    table = read_table(path, ("label",), 100_000_000)
+    header = table.header
     wrong = [name for name in columns if header.count(name) != 1]
     if wrong:
         raise InputError.of(
@@ -259,7 +247,7 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
             ", ".join(wrong),
             "missing" if not set(wrong) & set(header) else "missing or twice",
             ", ".join(columns),
-            "give each column once, separated by commas",
+            "give each column once",
             1,
         )
     points: list[np.ndarray] = []
@@ -272,19 +260,15 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
     ) -> None:
         faults.append(Fault(code, str(path), field, value, legal, fix, line))
 
-    for line, row in enumerate(rows, start=2):
+    for line, cells in table.rows:
+        row = dict(zip(header, cells))
         q = np.array([_number(row.get(name), -np.inf, np.inf) for name in columns[1:]])
         given = row.get("payload_kg")
         payload = _number(given, 0.0, 5000.0) if given else payload_kg
-        if None in row:
-            refuse(
-                "row",
-                "csv-value",
-                f"{len(row[None])} cells too many",
-                f"{len(header)} cells",
-                "take the extra commas out",
-                line,
-            )
+        if len(cells) > len(header):
+            value = f"{len(cells) - len(header)} cells too many"
+            legal = f"{len(header)} cells"
+            refuse("row", "csv-value", value, legal, "take the extra separators out", line)
         for name, value in zip((*columns[1:], "payload_kg"), (*q, payload)):
             if not np.isfinite(value):
                 legal = "0 .. 5000 kg" if name == "payload_kg" else "a finite number of radians"
@@ -312,14 +296,17 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
             )
         points.append(q)
         payloads.append(payload)
-        labels.append(row["label"] or "")
-    if len(rows) < 2:
-        refuse(
-            "waypoints.csv",
-            "csv-rows",
-            f"{len(rows)} rows",
-            "at least two",
-            "give the joint vectors that the robot visits",
+        labels.append(row.get("label", ""))
+    if len(table.rows) < 2:
+        faults.append(
+            Fault(
+                "csv-rows",
+                str(path),
+                "waypoints.csv",
+                f"{len(table.rows)} rows",
+                "at least two",
+                "give the joint vectors that the robot visits",
+            )
         )
     if faults:
         raise InputError(faults)
@@ -333,10 +320,7 @@ def _from_waypoints(path: Path, robot: Robot, payload_kg: float) -> FolderMotion
 
 def _number(text: str | None, low: float, high: float) -> float:
     """The number, NaN if it is none or outside [low, high]."""
-    try:
-        value = float(text or "nan")
-    except ValueError:
-        return float("nan")
+    value = number_of(text or "")
     return value if low <= value <= high else float("nan")
 
 
