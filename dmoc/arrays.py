@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 
 Array = npt.NDArray[np.float64]
 
@@ -38,14 +38,12 @@ def readonly(values: Any, name: str, ndim: int) -> Array:
     array = np.array(values, dtype=np.float64)
     if array.ndim != ndim or not np.all(np.isfinite(array)):
         bad = f"shape {array.shape}" if array.ndim != ndim else "NaN or infinite entries"
-        raise ProblemError(
-            Fault(
-                "array",
-                field=name,
-                value=bad,
-                legal=f"{ndim} axes, finite numbers",
-                fix=f"check what was passed as {name}",
-            )
+        raise ProblemError.of(
+            "array",
+            field=name,
+            value=bad,
+            legal=f"{ndim} axes, finite numbers",
+            fix=f"check what was passed as {name}",
         )
     array.setflags(write=False)
     return array
@@ -57,14 +55,12 @@ def joint_vector(values: Any, name: str, num_joints: int) -> Array:
     if array.ndim == 0:
         array = np.full(num_joints, float(array))
     if array.shape != (num_joints,):
-        raise ProblemError(
-            Fault(
-                "joint-vector",
-                field=name,
-                value=f"shape {array.shape}",
-                legal=f"({num_joints},)",
-                fix="give one number per joint of the robot",
-            )
+        raise ProblemError.of(
+            "joint-vector",
+            field=name,
+            value=f"shape {array.shape}",
+            legal=f"({num_joints},)",
+            fix="give one number per joint of the robot",
         )
     return readonly(array, name, ndim=1)
 

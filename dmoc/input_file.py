@@ -31,15 +31,13 @@ def confined(relative: str, folder: Path, file: str, field: str) -> Path:
         except (OSError, RuntimeError) as error:  # too long, or a loop of links
             problem = f"{relative[:80]}: {error}"
     if problem:
-        raise InputError(
-            Fault(
-                "path-outside",
-                file=file,
-                field=field,
-                value=problem,
-                legal="a path relative to the file and inside its folder",
-                fix="copy the file into the folder and name it there",
-            )
+        raise InputError.of(
+            "path-outside",
+            file=file,
+            field=field,
+            value=problem,
+            legal="a path relative to the file and inside its folder",
+            fix="copy the file into the folder and name it there",
         )
     return path
 

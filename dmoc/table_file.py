@@ -10,7 +10,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.input_file import content_of
 
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?")
@@ -24,7 +24,7 @@ def read_text(path: Path, most_bytes: int, field: str = "") -> str:
     """
 
     def refuse(code: str, value: str, legal: str, fix: str) -> InputError:
-        return InputError(Fault(code, str(path), field, value[:120], legal, fix))
+        return InputError.of(code, str(path), field, value[:120], legal, fix)
 
     try:
         data = content_of(path, most_bytes)
@@ -80,16 +80,14 @@ def read_table(path: Path, texts: Collection[str], most_bytes: int, field: str =
     try:
         rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
     except csv.Error as error:
-        raise InputError(
-            Fault(
-                "csv-syntax",
-                str(path),
-                field,
-                str(error)[:120],
-                f"values between {_NAMES[mark]}",
-                "mend this line",
-                reader.line_num,
-            )
+        raise InputError.of(
+            "csv-syntax",
+            str(path),
+            field,
+            str(error)[:120],
+            f"values between {_NAMES[mark]}",
+            "mend this line",
+            reader.line_num,
         ) from error
     rows = [(line, row) for line, row in rows if any(row) and not row[0].startswith("#")]
     header = rows[0][1] if rows else []
@@ -120,13 +118,11 @@ def _with_points(
 
 def decimal_fault(path: Path, comma_line: int, point_line: int) -> InputError:
     """The fault of a file whose numbers have commas as well as points."""
-    return InputError(
-        Fault(
-            "csv-decimal",
-            str(path),
-            value=f"a comma on line {comma_line}, a point on line {point_line}",
-            legal="one decimal mark in the whole file, nothing between thousands",
-            fix="write all numbers with a point",
-            line=max(comma_line, point_line),
-        )
+    return InputError.of(
+        "csv-decimal",
+        str(path),
+        value=f"a comma on line {comma_line}, a point on line {point_line}",
+        legal="one decimal mark in the whole file, nothing between thousands",
+        fix="write all numbers with a point",
+        line=max(comma_line, point_line),
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.refinement.params import method_named
 from dmoc.solving.solvers import DEFAULT_SOLVER
 from sequencing.commands.console import CommandResult, Console, save_json
@@ -28,14 +28,12 @@ def stud_welding(console: Console, options: StudyOptions) -> CommandResult:
 
     station = options.station
     if station not in STATIONS:
-        raise InputError(
-            Fault(
-                "study-station",
-                field="--station",
-                value=station,
-                legal=", ".join(STATIONS),
-                fix="name one of them",
-            )
+        raise InputError.of(
+            "study-station",
+            field="--station",
+            value=station,
+            legal=", ".join(STATIONS),
+            fix="name one of them",
         )
     began = time.perf_counter()
     folder = (

@@ -15,14 +15,12 @@ from dmoc.errors import Fault, ProblemError
 
 def _require_inputs(function: ca.Function, kind: str, shapes: str, count: int) -> None:
     if function.n_in() != count or function.n_out() != 1 or function.size2_out(0) != 1:
-        raise ProblemError(
-            Fault(
-                "constraint-function",
-                field=kind,
-                value=str(function),
-                legal=f"a CasADi function {shapes} -> (m)",
-                fix="take exactly these columns and return one column",
-            )
+        raise ProblemError.of(
+            "constraint-function",
+            field=kind,
+            value=str(function),
+            legal=f"a CasADi function {shapes} -> (m)",
+            fix="take exactly these columns and return one column",
         )
 
 
@@ -37,14 +35,12 @@ def _range(owner: Any, rows: int) -> None:
         or np.any(np.isnan(owner.upper))
         or np.any(owner.lower > owner.upper)
     ):
-        raise ProblemError(
-            Fault(
-                "constraint-range",
-                field=type(owner).__name__,
-                value=f"[{owner.lower}, {owner.upper}]",
-                legal="lower <= upper, no NaN",
-                fix="swap or correct the bounds",
-            )
+        raise ProblemError.of(
+            "constraint-range",
+            field=type(owner).__name__,
+            value=f"[{owner.lower}, {owner.upper}]",
+            legal="lower <= upper, no NaN",
+            fix="swap or correct the bounds",
         )
 
 

@@ -25,14 +25,12 @@ def _semidefinite(values: Any, name: str) -> Matrix:
         matrix = (matrix + matrix.T) / 2
         if np.linalg.eigvalsh(matrix).min() >= -1e-9 * max(1.0, np.abs(matrix).max()):
             return tuple(tuple(float(x) for x in row) for row in matrix)
-    raise ProblemError(
-        Fault(
-            "cost-matrix",
-            field=f"cost.{name}",
-            value=f"shape {matrix.shape}",
-            legal="a square positive semidefinite matrix",
-            fix="check signs and size",
-        )
+    raise ProblemError.of(
+        "cost-matrix",
+        field=f"cost.{name}",
+        value=f"shape {matrix.shape}",
+        legal="a square positive semidefinite matrix",
+        fix="check signs and size",
     )
 
 
@@ -193,14 +191,12 @@ class ElectricalCost(_Discrete):
     def __post_init__(self) -> None:
         _require_weights(self)
         if not self.friction_smoothing_rad_s > 0:
-            raise ProblemError(
-                Fault(
-                    "cost-weight",
-                    field="cost.friction_smoothing_rad_s",
-                    value=repr(self.friction_smoothing_rad_s),
-                    legal="> 0 rad/s",
-                    fix="0.02 to 0.1 suits",
-                )
+            raise ProblemError.of(
+                "cost-weight",
+                field="cost.friction_smoothing_rad_s",
+                value=repr(self.friction_smoothing_rad_s),
+                legal="> 0 rad/s",
+                fix="0.02 to 0.1 suits",
             )
 
     @property

@@ -54,38 +54,32 @@ class MotionProblem:
             if getattr(self, name) is not None:
                 value = readonly(getattr(self, name), name, ndim=2)
                 if value.shape[1] != n:
-                    raise ProblemError(
-                        Fault(
-                            "joint-vector",
-                            field=name,
-                            value=f"shape {value.shape}",
-                            legal=f"(m, {n})",
-                            fix="give one joint vector per knot",
-                        )
+                    raise ProblemError.of(
+                        "joint-vector",
+                        field=name,
+                        value=f"shape {value.shape}",
+                        legal=f"(m, {n})",
+                        fix="give one joint vector per knot",
                     )
                 object.__setattr__(self, name, value)
         fixed = sum(0 if v is None else len(v) for v in (self.depart_rad, self.arrive_rad))
         if self.num_intervals < fixed + 2:
-            raise ProblemError(
-                Fault(
-                    "num-intervals",
-                    field="num_intervals",
-                    value=str(self.num_intervals),
-                    legal=f">= {fixed + 2}",
-                    fix="use more intervals",
-                )
+            raise ProblemError.of(
+                "num-intervals",
+                field="num_intervals",
+                value=str(self.num_intervals),
+                legal=f">= {fixed + 2}",
+                fix="use more intervals",
             )
         if self.duration_s is not None and not (
             np.isfinite(self.duration_s) and self.duration_s > 0
         ):
-            raise ProblemError(
-                Fault(
-                    "duration",
-                    field="duration_s",
-                    value=repr(self.duration_s),
-                    legal="None or > 0 s",
-                    fix="leave it out for a free final time",
-                )
+            raise ProblemError.of(
+                "duration",
+                field="duration_s",
+                value=repr(self.duration_s),
+                legal="None or > 0 s",
+                fix="leave it out for a free final time",
             )
         self._require_limits()
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array, readonly
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 
 if TYPE_CHECKING:
     from dmoc.robot.robot import Robot
@@ -55,25 +55,21 @@ class JointTrajectory:
         knots, joints = self.q_rad.shape
         shapes = (self.t_s.shape, self.velocity_rad_s.shape, self.torque_nm.shape)
         if shapes != ((knots,), (knots, joints), (knots - 1, joints)):
-            raise ProblemError(
-                Fault(
-                    "trajectory-shape",
-                    field="JointTrajectory",
-                    value=str(shapes),
-                    legal=f"t_s ({knots},), velocity ({knots}, {joints}), "
-                    f"torque ({knots - 1}, {joints})",
-                    fix="give one row per knot",
-                )
+            raise ProblemError.of(
+                "trajectory-shape",
+                field="JointTrajectory",
+                value=str(shapes),
+                legal=f"t_s ({knots},), velocity ({knots}, {joints}), "
+                f"torque ({knots - 1}, {joints})",
+                fix="give one row per knot",
             )
         if knots < 2 or np.any(np.diff(self.t_s) <= 0):
-            raise ProblemError(
-                Fault(
-                    "trajectory-time",
-                    field="t_s",
-                    value=f"{knots} knots",
-                    legal="at least two strictly increasing times",
-                    fix="remove repeated time stamps",
-                )
+            raise ProblemError.of(
+                "trajectory-time",
+                field="t_s",
+                value=f"{knots} knots",
+                legal="at least two strictly increasing times",
+                fix="remove repeated time stamps",
             )
 
     @property

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.robot.drive import DriveParams, drive_from_mapping, electrical_power_w
 from dmoc.robot.robot import Robot
 
@@ -78,14 +78,12 @@ class Metric:
 def metric_of(name: str, robot: Robot) -> Metric:
     """The metric `name` (one of `METRICS`) with the drive parameters of `robot`."""
     if name not in METRICS:
-        raise ProblemError(
-            Fault(
-                "metric",
-                field="metric",
-                value=name,
-                legal=" | ".join(METRICS),
-                fix="check the spelling",
-            )
+        raise ProblemError.of(
+            "metric",
+            field="metric",
+            value=name,
+            legal=" | ".join(METRICS),
+            fix="check the spelling",
         )
     return _MAKERS[name](robot)
 

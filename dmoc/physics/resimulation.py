@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.constraints import EndCost
 from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.motion import Motion, Replay
@@ -50,14 +50,12 @@ def replay_motion(
     trajectory = motion.trajectory
     robot = None if trajectory is None else trajectory.robot
     if trajectory is None or robot is None:
-        raise ProblemError(
-            Fault(
-                "no-trajectory",
-                field="motion.trajectory",
-                value="nothing to replay",
-                legal="a trajectory with its robot",
-                fix="replay motions whose status is ok",
-            )
+        raise ProblemError.of(
+            "no-trajectory",
+            field="motion.trajectory",
+            value="nothing to replay",
+            legal="a trajectory with its robot",
+            fix="replay motions whose status is ok",
         )
     count = trajectory.num_intervals
     width = min(WINDOW, count)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import MotionProblem
 from dmoc.physics.dynamics import ArmModel, arm_model
@@ -125,14 +125,12 @@ def _cost_rate(problem: MotionProblem) -> Rate:
         return matrix_rate(n) if cost.has_matrices else quadratic_rate()
     drive = drive_from_mapping(problem.robot.drive, n)
     if np.any(drive.extra_inertia_kg_m2):
-        raise ProblemError(
-            Fault(
-                "extra-inertia",
-                field="drive.extra_inertia_kg_m2",
-                value=str(drive.extra_inertia_kg_m2),
-                legal="0 in an optimisation",
-                fix="count it in armature_kg_m2, where the dynamics see it",
-            )
+        raise ProblemError.of(
+            "extra-inertia",
+            field="drive.extra_inertia_kg_m2",
+            value=str(drive.extra_inertia_kg_m2),
+            legal="0 in an optimisation",
+            fix="count it in armature_kg_m2, where the dynamics see it",
         )
     return electrical_rate(n, drive, cost.friction_smoothing_rad_s)
 

@@ -29,7 +29,7 @@ from typing import Literal
 
 import casadi as ca
 
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.programme.stages import Stage
 
 # Solves before a compiler is started in `auto`: one-off robots are not worth it.
@@ -165,14 +165,12 @@ def backend_mode() -> str:
     """`auto`, `c` or `vm`, from DMOC_BACKEND."""
     mode = os.environ.get("DMOC_BACKEND", "auto")
     if mode not in ("auto", "c", "vm"):
-        raise InputError(
-            Fault(
-                "backend",
-                field="DMOC_BACKEND",
-                value=mode,
-                legal="auto, c or vm",
-                fix="unset it for the default",
-            )
+        raise InputError.of(
+            "backend",
+            field="DMOC_BACKEND",
+            value=mode,
+            legal="auto, c or vm",
+            fix="unset it for the default",
         )
     return mode
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.clearance import Certificate, Clearance
 from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.motion.status import Status
@@ -65,14 +65,12 @@ def refine(
     Errors: `ProblemError` for an unknown method.
     """
     if method not in ("halfspaces", "boxes", "none"):
-        raise ProblemError(
-            Fault(
-                "method",
-                field="method",
-                value=repr(method),
-                legal="halfspaces, boxes, none",
-                fix="use halfspaces unless you compare with the paper",
-            )
+        raise ProblemError.of(
+            "method",
+            field="method",
+            value=repr(method),
+            legal="halfspaces, boxes, none",
+            fix="use halfspaces unless you compare with the paper",
         )
     params = params or RefineParams()
     if isinstance(path, JointTrajectory):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.solving.solvers import DEFAULT_SOLVER, SolveParams
 
 Method = Literal["halfspaces", "boxes", "none"]
@@ -21,8 +21,8 @@ def method_named(name: str) -> Method:
     for method, spoken in METHOD_NAMES.items():
         if method != "none" and name in (method, spoken):
             return method
-    raise ProblemError(
-        Fault("method", field="method", value=name, legal="half-spaces, boxes", fix="leave it out")
+    raise ProblemError.of(
+        "method", field="method", value=name, legal="half-spaces, boxes", fix="leave it out"
     )
 
 

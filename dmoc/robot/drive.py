@@ -212,7 +212,7 @@ def drive_from_mapping(
         arrays = {name: np.asarray(base[name], dtype=float) for name in names}
         power = float(base["base_power_w"])
     except (TypeError, ValueError) as error:
-        raise RobotError(Fault("drive-value", "", "drive", str(error), "numbers")) from error
+        raise RobotError.of("drive-value", "", "drive", str(error), "numbers") from error
     if any(value.shape != (num_joints,) for value in arrays.values()):
         wrong = [name for name, value in arrays.items() if value.shape != (num_joints,)]
         raise RobotError(

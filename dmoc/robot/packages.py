@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from dmoc.errors import DmocError, Fault, RobotError
+from dmoc.errors import DmocError, RobotError
 from dmoc.input_file import confined
 from dmoc.robot.xml_file import read_xml
 
@@ -75,15 +75,13 @@ class Packages:
             torn = (self.folder, self.folder.parent)
             found = next((place for place in torn if (place / rest).is_file()), None)
         if found is None:
-            raise RobotError(
-                Fault(
-                    "package-missing",
-                    file,
-                    field,
-                    package,
-                    "a package beside the file or in ROS_PACKAGE_PATH, AMENT_PREFIX_PATH",
-                    "say where the package lies: --package-path FOLDER",
-                )
+            raise RobotError.of(
+                "package-missing",
+                file,
+                field,
+                package,
+                "a package beside the file or in ROS_PACKAGE_PATH, AMENT_PREFIX_PATH",
+                "say where the package lies: --package-path FOLDER",
             )
         return confined(rest, found, file, field)
 
@@ -118,14 +116,12 @@ def expanded(path: Path, packages: Packages) -> str:
     # A xacro file is a programme: what goes wrong in it is an error of any kind.
     except Exception as error:
         text = " ".join(str(error).split())[:200]
-        raise RobotError(
-            Fault(
-                "urdf-xacro",
-                str(path),
-                value=f"{type(error).__name__}: {text}",
-                legal="a xacro file that expands without arguments",
-                fix="mend it, or say where its packages lie: --package-path FOLDER",
-            )
+        raise RobotError.of(
+            "urdf-xacro",
+            str(path),
+            value=f"{type(error).__name__}: {text}",
+            legal="a xacro file that expands without arguments",
+            fix="mend it, or say where its packages lie: --package-path FOLDER",
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = kept

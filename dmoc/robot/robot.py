@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array, joint_vector, readonly
-from dmoc.errors import Fault, RobotError
+from dmoc.errors import RobotError
 from dmoc.robot.description import Description, LinkShape
 from dmoc.robot.settings import ACCELERATION_PER_SPEED, assumptions, read_settings, settings_faults
 from dmoc.robot.urdf import read_urdf
@@ -214,15 +214,13 @@ def load_robot(
             candidates = sorted(urdf.glob("*.urdf"))
             urdf = candidates[0] if len(candidates) == 1 else urdf / f"{urdf.name}.urdf"
         if not urdf.is_file():
-            raise RobotError(
-                Fault(
-                    "robot-missing",
-                    file=text,
-                    field="robot",
-                    value=text,
-                    legal="one of " + ", ".join(available_robots()) + ", or the path of a URDF",
-                    fix="check the name or the path",
-                )
+            raise RobotError.of(
+                "robot-missing",
+                file=text,
+                field="robot",
+                value=text,
+                legal="one of " + ", ".join(available_robots()) + ", or the path of a URDF",
+                fix="check the name or the path",
             )
     tree = read_settings(urdf)
     tree.data = settings = {**settings, **tree.data}

@@ -54,15 +54,13 @@ def read_settings(urdf: Path) -> YamlTree:
         return YamlTree({}, {})
     tree = read_yaml(path, RobotError)
     if not isinstance(tree.data, dict):
-        raise RobotError(
-            Fault(
-                "yaml-mapping",
-                file=str(path),
-                line=1,
-                value=type(tree.data).__name__,
-                legal="a mapping of settings",
-                fix="see the robots of the package",
-            )
+        raise RobotError.of(
+            "yaml-mapping",
+            file=str(path),
+            line=1,
+            value=type(tree.data).__name__,
+            legal="a mapping of settings",
+            fix="see the robots of the package",
         )
     return tree
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
-from dmoc.errors import Fault, RobotError
+from dmoc.errors import RobotError
 from dmoc.input_file import content_of
 
 _MOST_BYTES = 20_000_000
@@ -46,8 +46,8 @@ def read_xml(path: Path, text: str | None = None) -> Element:
     """
 
     def refuse(code: str, value: str, legal: str, fix: str, line: int | None = None) -> RobotError:
-        return RobotError(
-            Fault(code, file=str(path), line=line, value=value[:200], legal=legal, fix=fix)
+        return RobotError.of(
+            code, file=str(path), line=line, value=value[:200], legal=legal, fix=fix
         )
 
     try:

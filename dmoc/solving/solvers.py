@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.status import Status
 from dmoc.programme.builder import MotionProgramme
 
@@ -79,8 +79,8 @@ def require_solver(name: str, field: str) -> str:
     """`name`, if it is a solver's; else `ProblemError` naming those there are."""
     if name in SOLVERS:
         return name
-    raise ProblemError(
-        Fault("solver", field=field, value=name, legal=", ".join(SOLVERS), fix="leave it out")
+    raise ProblemError.of(
+        "solver", field=field, value=name, legal=", ".join(SOLVERS), fix="leave it out"
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dmoc.arrays import Array, readonly
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 
 
 @dataclass(frozen=True)
@@ -29,35 +29,29 @@ class DepartureLine:
         for name in ("tip_start_m", "direction"):
             value = readonly(getattr(self, name), name, ndim=1)
             if value.shape != (3,):
-                raise ProblemError(
-                    Fault(
-                        "departure-line",
-                        field=name,
-                        value=f"shape {value.shape}",
-                        legal="(3,)",
-                        fix="give x, y, z",
-                    )
+                raise ProblemError.of(
+                    "departure-line",
+                    field=name,
+                    value=f"shape {value.shape}",
+                    legal="(3,)",
+                    fix="give x, y, z",
                 )
             object.__setattr__(self, name, value)
         if abs(np.linalg.norm(self.direction) - 1.0) > 1e-6:
-            raise ProblemError(
-                Fault(
-                    "departure-line",
-                    field="direction",
-                    value=str(self.direction),
-                    legal="a unit vector",
-                    fix="divide it by its length",
-                )
+            raise ProblemError.of(
+                "departure-line",
+                field="direction",
+                value=str(self.direction),
+                legal="a unit vector",
+                fix="divide it by its length",
             )
         if not (self.length_m >= 0 and self.stray_m > 0):
-            raise ProblemError(
-                Fault(
-                    "departure-line",
-                    field="length_m, stray_m",
-                    value=f"{self.length_m}, {self.stray_m}",
-                    legal=">= 0, > 0 m",
-                    fix="give the length of the line and the radius of its tube",
-                )
+            raise ProblemError.of(
+                "departure-line",
+                field="length_m, stray_m",
+                value=f"{self.length_m}, {self.stray_m}",
+                legal=">= 0, > 0 m",
+                fix="give the length of the line and the radius of its tube",
             )
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, RobotError
+from dmoc.errors import RobotError
 from planning.collision.kernels.layout import JointTable, Pairs, Solids, Work
 from planning.collision.pieces import Piece
 
@@ -43,14 +43,12 @@ class _Joint:
 def _joint(model: pin.Model, data: pin.Data, index: int) -> _Joint:
     joint = model.joints[index]
     if joint.nq != 1 or joint.nv != 1:
-        raise RobotError(
-            Fault(
-                "joint-type",
-                field=model.names[index],
-                value=joint.shortname(),
-                legal="revolute with limits, or prismatic",
-                fix="give a continuous joint limits and make it revolute; fix what floats",
-            )
+        raise RobotError.of(
+            "joint-type",
+            field=model.names[index],
+            value=joint.shortname(),
+            legal="revolute with limits, or prismatic",
+            fix="give a continuous joint limits and make it revolute; fix what floats",
         )
     jacobian = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)
     column = jacobian.reshape(6, -1)[:, joint.idx_v]  # one joint gives a vector

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, MeshError
+from dmoc.errors import MeshError
 from planning.geometry.shapes import Body, Shape
 
 _LENGTHS = {"box": 3, "cylinder": 2, "sphere": 1}
@@ -58,26 +58,22 @@ def convex_hull(points_m: Array, where: str = "vertices_m") -> tuple[Array, npt.
     """
     points = np.asarray(points_m, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.all(np.isfinite(points)):
-        raise MeshError(
-            Fault(
-                "mesh-vertices",
-                field=where,
-                value=f"shape {points.shape}, or not finite",
-                legal="(V, 3) finite numbers",
-                fix="mend or re-export the mesh",
-            )
+        raise MeshError.of(
+            "mesh-vertices",
+            field=where,
+            value=f"shape {points.shape}, or not finite",
+            legal="(V, 3) finite numbers",
+            fix="mend or re-export the mesh",
         )
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError) as error:
-        raise MeshError(
-            Fault(
-                "mesh-flat",
-                field=where,
-                value=f"{len(points)} points without volume",
-                legal="at least four points that are not in one plane",
-                fix="give the sheet a thickness",
-            )
+        raise MeshError.of(
+            "mesh-flat",
+            field=where,
+            value=f"{len(points)} points without volume",
+            legal="at least four points that are not in one plane",
+            fix="give the sheet a thickness",
         ) from error
     keep = hull.vertices
     renumber = np.full(len(points), -1)
@@ -97,14 +93,12 @@ def piece_of(shape: Shape, body: str, joint: int, pose: Array) -> Piece:
     if shape.kind in _LENGTHS:
         size = tuple(float(s) for s in shape.size_m)
         if len(size) != _LENGTHS[shape.kind] or not all(np.isfinite(size)) or min(size) <= 0:
-            raise MeshError(
-                Fault(
-                    "shape-size",
-                    field=where,
-                    value=str(shape.size_m),
-                    legal=f"{_LENGTHS[shape.kind]} positive lengths [m]",
-                    fix="box: x, y, z; cylinder: radius, length; sphere: radius",
-                )
+            raise MeshError.of(
+                "shape-size",
+                field=where,
+                value=str(shape.size_m),
+                legal=f"{_LENGTHS[shape.kind]} positive lengths [m]",
+                fix="box: x, y, z; cylinder: radius, length; sphere: radius",
             )
         half = {
             "box": lambda: np.array(size) / 2,
@@ -123,14 +117,12 @@ def piece_of(shape: Shape, body: str, joint: int, pose: Array) -> Piece:
         ball_centre = centre
         radius = float(np.linalg.norm(vertices - centre, axis=1).max())
     else:
-        raise MeshError(
-            Fault(
-                "shape-kind",
-                field=where,
-                value=shape.kind,
-                legal="box, cylinder, sphere, convex (with vertices)",
-                fix="decompose the mesh into convex pieces and keep it as the body's `mesh`",
-            )
+        raise MeshError.of(
+            "shape-kind",
+            field=where,
+            value=shape.kind,
+            legal="box, cylinder, sphere, convex (with vertices)",
+            fix="decompose the mesh into convex pieces and keep it as the body's `mesh`",
         )
     placed = np.asarray(pose) @ shape.pose
     return Piece(
@@ -154,14 +146,12 @@ def pieces_of(mounted: Mounted) -> tuple[Piece, ...]:
     Errors: `MeshError` for a body without shapes: an obstacle that vanished is no free space.
     """
     if not mounted.body.shapes:
-        raise MeshError(
-            Fault(
-                "body-empty",
-                field=mounted.body.name,
-                value="no shapes",
-                legal="at least one convex shape",
-                fix="check the mesh file or the shape list",
-            )
+        raise MeshError.of(
+            "body-empty",
+            field=mounted.body.name,
+            value="no shapes",
+            legal="at least one convex shape",
+            fix="check the mesh file or the shape list",
         )
     return tuple(
         piece_of(shape, mounted.body.name, mounted.joint, mounted.pose)

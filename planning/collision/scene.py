@@ -11,7 +11,7 @@ import numpy.typing as npt
 from numpy.typing import ArrayLike
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, InputError, ProblemError
+from dmoc.errors import InputError, ProblemError
 from dmoc.robot.robot import Robot
 from planning.collision.coal_engine import CoalEngine, Engine, PairDistance
 from planning.collision.departure_line import DepartureLine
@@ -70,14 +70,12 @@ class Scene:
         engine: str,
     ) -> None:
         if engine not in ENGINES:
-            raise InputError(
-                Fault(
-                    "engine",
-                    field="engine",
-                    value=engine,
-                    legal=", ".join(ENGINES),
-                    fix="choose one of them",
-                )
+            raise InputError.of(
+                "engine",
+                field="engine",
+                value=engine,
+                legal=", ".join(ENGINES),
+                fix="choose one of them",
             )
         links, tools = link_bodies(robot), tool_mounts(robot, tool_bodies)
         standing = tuple(Mounted(body, 0, np.array(body.pose)) for body in obstacles)
@@ -137,14 +135,12 @@ class Scene:
         rows = np.zeros((len(lines), 8))
         for k, line in enumerate(lines):
             if line.part not in self.bodies:
-                raise InputError(
-                    Fault(
-                        "departure-part",
-                        field="part",
-                        value=line.part,
-                        legal=", ".join(self.bodies),
-                        fix="name the body that carries the stud",
-                    )
+                raise InputError.of(
+                    "departure-part",
+                    field="part",
+                    value=line.part,
+                    legal=", ".join(self.bodies),
+                    fix="name the body that carries the stud",
                 )
             rows[k] = line.row
             wanted = [
@@ -158,26 +154,22 @@ class Scene:
     def rows_of(self, q_rad: Array) -> Array:
         """q as finite (K, n). Errors: `ProblemError`, also in a thread that did not make this."""
         if threading.get_ident() != self.thread:
-            raise ProblemError(
-                Fault(
-                    "world-thread",
-                    field="world",
-                    value="asked by another thread than made it",
-                    legal="one world a thread: it holds workspace",
-                    fix="make a CollisionWorld in each thread, or use processes",
-                )
+            raise ProblemError.of(
+                "world-thread",
+                field="world",
+                value="asked by another thread than made it",
+                legal="one world a thread: it holds workspace",
+                fix="make a CollisionWorld in each thread, or use processes",
             )
         # A copy: a read-only array would be another type to the compiler.
         q = np.array(np.atleast_2d(q_rad), dtype=float, order="C")
         if q.ndim != 2 or q.shape[1] != self.num_joints or not np.isfinite(q).all():
-            raise ProblemError(
-                Fault(
-                    "configuration",
-                    field="q_rad",
-                    value=f"shape {q.shape}, or not finite",
-                    legal=f"(K, {self.num_joints}) finite angles",
-                    fix="check the caller",
-                )
+            raise ProblemError.of(
+                "configuration",
+                field="q_rad",
+                value=f"shape {q.shape}, or not finite",
+                legal=f"(K, {self.num_joints}) finite angles",
+                fix="check the caller",
             )
         return q
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, MeshError
+from dmoc.errors import MeshError
 from dmoc.input_file import content_of
 from planning.geometry.mesh import Mesh
 from planning.geometry.shapes import Shape
@@ -36,14 +36,12 @@ def convex_shape(points: npt.ArrayLike, slack_m: float = 0.0) -> Shape:
         try:
             hull = ConvexHull(cloud)
         except QhullError as error:
-            raise MeshError(
-                Fault(
-                    "mesh-hull",
-                    field="vertices_m",
-                    value=str(error).split("\n")[0][:120],
-                    legal="points whose hull has a volume",
-                    fix="check the numbers: points that coincide, or sizes far apart, have none",
-                )
+            raise MeshError.of(
+                "mesh-hull",
+                field="vertices_m",
+                value=str(error).split("\n")[0][:120],
+                legal="points whose hull has a volume",
+                fix="check the numbers: points that coincide, or sizes far apart, have none",
             ) from error
     if slack_m > 0 and len(hull.vertices) > MANY_CORNERS:
         cloud = _simpler_around(hull, slack_m)
@@ -104,30 +102,26 @@ def read_pieces(path: Path, scale: float, file: str, field: str) -> tuple[Shape,
     groups: list[list[list[float]]] = []
 
     def refuse(value: str, line: int | None) -> MeshError:
-        return MeshError(
-            Fault(
-                "pieces-syntax",
-                file=str(path),
-                line=line,
-                field=field,
-                value=value,
-                legal="OBJ: o NAME and at least four v X Y Z lines a piece",
-                fix="export the pieces as separate objects of one OBJ file",
-            )
+        return MeshError.of(
+            "pieces-syntax",
+            file=str(path),
+            line=line,
+            field=field,
+            value=value,
+            legal="OBJ: o NAME and at least four v X Y Z lines a piece",
+            fix="export the pieces as separate objects of one OBJ file",
         )
 
     try:
         lines = content_of(path).decode("latin-1").splitlines()
     except OSError as error:
-        raise MeshError(
-            Fault(
-                "mesh-missing",
-                file=file,
-                field=field,
-                value=path.name,
-                legal="an existing, readable file",
-                fix="check the name",
-            )
+        raise MeshError.of(
+            "mesh-missing",
+            file=file,
+            field=field,
+            value=path.name,
+            legal="an existing, readable file",
+            fix="check the name",
         ) from error
     for number, line in enumerate(lines, start=1):
         words = line.split()

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array, StaysReadonly, readonly
-from dmoc.errors import Fault, MeshError
+from dmoc.errors import MeshError
 from dmoc.input_file import confined
 from dmoc.robot.description import LinkShape, Three
 from dmoc.robot.robot import Robot
@@ -54,8 +54,8 @@ def load_mesh(
     fix = f"write unit: {'mm' if unit == 'm' else 'm'} if that is the unit it was drawn in"
     how = f"with unit: {unit}"
     if path.suffix.lower() == ".dae" and unit != "m":
-        raise MeshError(
-            Fault("mesh-unit", file, field, f"{relative} {how}", "m", "a DAE says its own unit")
+        raise MeshError.of(
+            "mesh-unit", file, field, f"{relative} {how}", "m", "a DAE says its own unit"
         )
     scale = UNITS[unit]
     return _read(path, relative, (scale, scale, scale), _DIAGONAL_M, how, fix, file, field)
@@ -109,7 +109,7 @@ def _read(
     field: str,
 ) -> Mesh:
     def refuse(code: str, value: str, legal: str, fix: str) -> MeshError:
-        return MeshError(Fault(code, file=file, field=field, value=value, legal=legal, fix=fix))
+        return MeshError.of(code, file=file, field=field, value=value, legal=legal, fix=fix)
 
     if not path.is_file():
         raise refuse("mesh-missing", name, "an existing file", "check the name of the file")

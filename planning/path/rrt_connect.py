@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointPath
 from planning.collision.certificate import prove_path
@@ -148,14 +148,12 @@ def plan_path(
     Errors: `ProblemError` for an unknown planner.
     """
     if planner not in PLANNERS:
-        raise ProblemError(
-            Fault(
-                "planner",
-                field="planner",
-                value=planner,
-                legal=", ".join(PLANNERS),
-                fix="leave it out",
-            )
+        raise ProblemError.of(
+            "planner",
+            field="planner",
+            value=planner,
+            legal=", ".join(PLANNERS),
+            fix="leave it out",
         )
     asked, planner = planner, available_planner(planner)
     instead = "" if planner == asked else f"{asked} is not installed: {planner} trees"

@@ -13,7 +13,7 @@ import pinocchio as pin
 from pydantic import TypeAdapter, ValidationError
 
 from dmoc.arrays import Array, readonly
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.input_file import FieldPath, InputFaults, confined, read_yaml
 from dmoc.motion.cost import Cost
 from dmoc.order_graph import circle_of
@@ -35,15 +35,13 @@ def build_station(path: Path, robot_file: Path | None = None) -> Station:
     """Read, validate and build; raises `InputError` with the faults of all sections at once."""
     tree = read_yaml(path)
     if not isinstance(tree.data, dict):
-        raise InputError(
-            Fault(
-                "yaml-mapping",
-                file=str(path),
-                line=1,
-                value=type(tree.data).__name__,
-                legal="a mapping with the fields of the schema",
-                fix="see docs/station-file.md",
-            )
+        raise InputError.of(
+            "yaml-mapping",
+            file=str(path),
+            line=1,
+            value=type(tree.data).__name__,
+            legal="a mapping with the fields of the schema",
+            fix="see docs/station-file.md",
         )
     sections = _Sections(path, tree)
     sections.robot_file = robot_file
@@ -313,12 +311,10 @@ def demo_station(name: str) -> Station:
     for path in sorted(_stations_root().glob("*/station*.yaml")):
         if path.parent.name + path.stem.removeprefix("station") == name:
             return load_station(path)
-    raise InputError(
-        Fault(
-            "station-unknown",
-            field="station",
-            value=name,
-            legal=", ".join(available_stations()),
-            fix="use one of these names",
-        )
+    raise InputError.of(
+        "station-unknown",
+        field="station",
+        value=name,
+        legal=", ".join(available_stations()),
+        fix="use one of these names",
     )

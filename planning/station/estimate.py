@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import trimesh
 
-from dmoc.errors import Fault, RobotError
+from dmoc.errors import RobotError
 from dmoc.robot.robot import Robot, Tool, load_robot
 from dmoc.robot.settings import read_settings
 from dmoc.robot.urdf import read_urdf
@@ -39,12 +39,12 @@ def estimated_settings(
     """
     if not 0.1 <= total_mass_kg <= 10_000:
         legal, fix = "0.1 to 10000 kg", "give the arm's mass of its data sheet"
-        raise RobotError(Fault("total-mass", "", "total_mass", f"{total_mass_kg:g}", legal, fix))
+        raise RobotError.of("total-mass", "", "total_mass", f"{total_mass_kg:g}", legal, fix)
     given = read_settings(urdf).data
     own = {"inertials", "torque_limit_nm", "acceleration_limit_rad_s2", "armature_kg_m2"}
     if twice := ", ".join(sorted((own | {"provenance"}) & given.keys())):
         file, fix = str(urdf.with_name("robot.yaml")), "take it out, or leave --total-mass out"
-        raise RobotError(Fault("estimate-given", file, twice, "given", "not given", fix))
+        raise RobotError.of("estimate-given", file, twice, "given", "not given", fix)
     given = {"torque_limit_nm": 1.0, **given}
     links = read_urdf(urdf, given, package_path, massless=True).links
     hulls = {name: hull for name, link in links.items() if (hull := _hull(link, str(urdf)))}

@@ -31,15 +31,13 @@ def read_srdf(
     except RobotError as error:
         raise InputError([_of_srdf(fault) for fault in error.faults]) from error
     if root.tag != "robot":
-        raise InputError(
-            Fault(
-                "srdf-root",
-                file=str(file),
-                line=root.line,
-                value=f"<{root.tag}>",
-                legal="<robot name=...>",
-                fix="name an SRDF file",
-            )
+        raise InputError.of(
+            "srdf-root",
+            file=str(file),
+            line=root.line,
+            value=f"<{root.tag}>",
+            legal="<robot name=...>",
+            fix="name an SRDF file",
         )
     faults: list[Fault] = []
     own = sorted(known if links is None else links)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dmoc.arrays import Array, StaysReadonly
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.motion.cost import Cost
 from dmoc.robot.robot import Robot
 from planning.geometry.mesh import shape_fingerprint
@@ -115,13 +115,11 @@ class Station(StaysReadonly):
         for stud in self.studs:
             if stud.id == stud_id:
                 return stud
-        raise InputError(
-            Fault(
-                "stud-unknown",
-                file=str(self.source),
-                field="stud",
-                value=stud_id,
-                legal=", ".join(stud.id for stud in self.studs),
-                fix="name a stud",
-            )
+        raise InputError.of(
+            "stud-unknown",
+            file=str(self.source),
+            field="stud",
+            value=stud_id,
+            legal=", ".join(stud.id for stud in self.studs),
+            fix="name a stud",
         )

@@ -336,13 +336,11 @@ def check_home(station: Station, world: CollisionWorld) -> None:
         raise InputError(weak)
     pair = world.collide(station.home_rad, station.clearance_m)
     if pair is not None:
-        raise InputError(
-            Fault(
-                "home-collision",
-                file=str(station.source),
-                field="home_rad",
-                value=f"{pair[0]} and {pair[1]} at {np.round(station.home_rad, 4).tolist()}",
-                legal=f"a pose that keeps {station.clearance_m:g} m from everything",
-                fix="choose another home pose, or null",
-            )
+        raise InputError.of(
+            "home-collision",
+            file=str(station.source),
+            field="home_rad",
+            value=f"{pair[0]} and {pair[1]} at {np.round(station.home_rad, 4).tolist()}",
+            legal=f"a pose that keeps {station.clearance_m:g} m from everything",
+            fix="choose another home pose, or null",
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.robot.robot import Robot
 from sequencing.commands.console import CommandResult, Console, save_json
 from sequencing.export.exporting import export_run
@@ -82,14 +82,12 @@ def _robot(run: Run) -> Robot:
     if run.robot is None and run.planned:
         return station_of(run).robot
     if run.robot is None:
-        raise InputError(
-            Fault(
-                "run-robot",
-                file=str(run.folder),
-                field="robot",
-                value=run.robot_note,
-                legal="a robot of the package, or a planned run with its station",
-                fix="plan again with this version",
-            )
+        raise InputError.of(
+            "run-robot",
+            file=str(run.folder),
+            field="robot",
+            value=run.robot_note,
+            legal="a robot of the package, or a planned run with its station",
+            fix="plan again with this version",
         )
     return run.robot

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import Motion, MotionProblem
 from dmoc.robot.robot import load_robot
@@ -25,14 +25,12 @@ def parse_vector(text: str, name: str, num_joints: int) -> np.ndarray:
     except ValueError:
         values = np.array([np.nan])
     if values.shape != (num_joints,) or not np.all(np.isfinite(values)):
-        raise InputError(
-            Fault(
-                "joint-vector",
-                field=f"--{name}",
-                value=text,
-                legal=f"{num_joints} finite numbers in rad, separated by commas",
-                fix=f"--{name}={','.join(['0'] * num_joints)}",
-            )
+        raise InputError.of(
+            "joint-vector",
+            field=f"--{name}",
+            value=text,
+            legal=f"{num_joints} finite numbers in rad, separated by commas",
+            fix=f"--{name}={','.join(['0'] * num_joints)}",
         )
     return values
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from sequencing.commands.console import CommandResult, Console
 
 GROUP = "dmoc.studies"
@@ -31,14 +31,12 @@ class StudyOptions:
         """An option that a study has no use for is a fault, not a silence."""
         value = getattr(self, name)
         if value is not None:
-            raise InputError(
-                Fault(
-                    "study-option",
-                    field=f"--{name}",
-                    value=value,
-                    legal=f"none: {why}",
-                    fix="leave it out",
-                )
+            raise InputError.of(
+                "study-option",
+                field=f"--{name}",
+                value=value,
+                legal=f"none: {why}",
+                fix="leave it out",
             )
 
 
@@ -46,14 +44,12 @@ def run_study(console: Console, name: str, options: StudyOptions) -> CommandResu
     """Run the study `name` of the entry-point group `dmoc.studies`."""
     found = {entry.name: entry for entry in entry_points(group=GROUP)}
     if name not in found:
-        raise InputError(
-            Fault(
-                "study-unknown",
-                field="study",
-                value=name,
-                legal=", ".join(sorted(found)) or f"none is installed (entry points {GROUP})",
-                fix="name one of them",
-            )
+        raise InputError.of(
+            "study-unknown",
+            field="study",
+            value=name,
+            legal=", ".join(sorted(found)) or f"none is installed (entry points {GROUP})",
+            fix="name one of them",
         )
     result: CommandResult = found[name].load()(console, options)
     return result

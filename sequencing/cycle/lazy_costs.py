@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from sequencing.gtsp.problem import GtspProblem
 from sequencing.gtsp.validation import closure
 
@@ -158,23 +158,19 @@ def checked(values: np.ndarray, pairs: np.ndarray, what: str) -> np.ndarray:
     """The answer of an oracle as float64 (K,), or a `ProblemError` that names the pair."""
     out = np.asarray(values, dtype=np.float64)
     if out.shape != (len(pairs),):
-        raise ProblemError(
-            Fault(
-                "oracle-shape",
-                field=what,
-                value=f"shape {out.shape}",
-                legal=f"({len(pairs)},), one cost for each pair",
-            )
+        raise ProblemError.of(
+            "oracle-shape",
+            field=what,
+            value=f"shape {out.shape}",
+            legal=f"({len(pairs)},), one cost for each pair",
         )
     wrong = np.flatnonzero(np.isnan(out) | np.isneginf(out))
     if wrong.size:
         u, v = pairs[wrong[0]]
-        raise ProblemError(
-            Fault(
-                "oracle-value",
-                field=f"{what}({u}, {v})",
-                value=str(out[wrong[0]]),
-                legal="finite, or inf for an impossible travel",
-            )
+        raise ProblemError.of(
+            "oracle-value",
+            field=f"{what}({u}, {v})",
+            value=str(out[wrong[0]]),
+            legal="finite, or inf for an impossible travel",
         )
     return out

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from sequencing.gtsp.problem import Tour
 
 Status = Literal["proven", "gap", "evaluation_limit", "round_limit", "no_tour", "open"]
@@ -31,13 +31,11 @@ class LazyStop:
 
     def __post_init__(self) -> None:
         if not self.gap >= 0 or self.kind not in ("strict", "conditional"):
-            raise ProblemError(
-                Fault(
-                    "lazy-stop",
-                    field="gap, kind",
-                    value=f"{self.gap}, {self.kind!r}",
-                    legal="gap ≥ 0; kind 'strict' or 'conditional'",
-                )
+            raise ProblemError.of(
+                "lazy-stop",
+                field="gap, kind",
+                value=f"{self.gap}, {self.kind!r}",
+                legal="gap ≥ 0; kind 'strict' or 'conditional'",
             )
 
 

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from planning.collision.coal_engine import CoalEngine
 from planning.collision.pieces import Mounted, pieces_of
 from planning.collision.robot_bodies import link_bodies
@@ -75,14 +75,12 @@ def grid_of_places(
         ("yaw_span_rad", yaw_span_rad, 0.0),
     ):
         if not least <= value < np.inf:
-            raise ProblemError(
-                Fault(
-                    "placement",
-                    field=name,
-                    value=repr(value),
-                    legal=f">= {least:g}",
-                    fix="give metres and radians",
-                )
+            raise ProblemError.of(
+                "placement",
+                field=name,
+                value=repr(value),
+                legal=f">= {least:g}",
+                fix="give metres and radians",
             )
     many = int(np.floor(span_m / step_m + 1e-9))
     turns = int(np.floor(yaw_span_rad / yaw_step_rad + 1e-9))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.motion import Motion
 from dmoc.motion.status import Status
 from dmoc.refinement.params import Method
@@ -243,14 +243,12 @@ class EdgeJobs:
         renew = getattr(self.executor, "renew", None)
         if renew is None:
             ends = ", ".join(f"{job.origin or HOME} → {job.target or HOME}" for job in broken)
-            raise ProblemError(
-                Fault(
-                    "workers-gone",
-                    field="executor",
-                    value=f"{error}; in flight: {ends}"[:400],
-                    legal="workers that stay, or an executor with `renew`",
-                    fix="run again: finished edges are kept",
-                )
+            raise ProblemError.of(
+                "workers-gone",
+                field="executor",
+                value=f"{error}; in flight: {ends}"[:400],
+                legal="workers that stay, or an executor with `renew`",
+                fix="run again: finished edges are kept",
             ) from error
         renew()
 

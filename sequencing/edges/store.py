@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dmoc.arrays import arrays_of
-from dmoc.errors import DmocError, Fault, InputError
+from dmoc.errors import DmocError, InputError
 from dmoc.motion.motion import Motion
 from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointTrajectory
@@ -190,7 +190,7 @@ class EdgeStore:
 
     def _fault(self, code: str, value: str) -> InputError:
         legal, fix = _REMEDIES[code]
-        return InputError(Fault(code, file=str(self.path), value=value, legal=legal, fix=fix))
+        return InputError.of(code, file=str(self.path), value=value, legal=legal, fix=fix)
 
 
 _NO_ROOM = (

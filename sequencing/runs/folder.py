@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from dmoc.arrays import Array, arrays_of
-from dmoc.errors import Fault, InputError, RobotError
+from dmoc.errors import InputError, RobotError
 from dmoc.input_file import content_of
 from dmoc.motion.cost import Cost, ElectricalCost
 from dmoc.motion.motion import Motion
@@ -60,15 +60,13 @@ def station_of(run: Run) -> Station:
         if station.fingerprint == wanted or (files and input_hashes(station) == files):
             return station
         value = "the station has changed since the run"
-    raise InputError(
-        Fault(
-            "run-station",
-            file=str(run.folder),
-            field="inputs.station_fingerprint",
-            value=value,
-            legal=f"a station with fingerprint {wanted[:12]}…",
-            fix="plan the station again",
-        )
+    raise InputError.of(
+        "run-station",
+        file=str(run.folder),
+        field="inputs.station_fingerprint",
+        value=value,
+        legal=f"a station with fingerprint {wanted[:12]}…",
+        fix="plan the station again",
     )
 
 
@@ -284,14 +282,12 @@ def read_run(folder: Path | str, robot: Robot | None = None) -> Run:
 def _read_result(folder: Path) -> dict[str, Any]:
     path = folder / "result.json"
     if not path.is_file():
-        raise InputError(
-            Fault(
-                "run-missing",
-                file=str(folder),
-                field="result.json",
-                legal="a folder that a plan or demo command wrote with --out",
-                fix="plan the station first, or check the path",
-            )
+        raise InputError.of(
+            "run-missing",
+            file=str(folder),
+            field="result.json",
+            legal="a folder that a plan or demo command wrote with --out",
+            fix="plan the station first, or check the path",
         )
     try:
         result = json.loads(path.read_text(encoding="utf-8"))
@@ -301,29 +297,25 @@ def _read_result(folder: Path) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError) as error:
         raise _damaged(path, error) from error
     if version != SCHEMA_VERSION:
-        raise InputError(
-            Fault(
-                "run-version",
-                file=str(path),
-                field="schema_version",
-                value=str(version),
-                legal=str(SCHEMA_VERSION),
-                fix="plan the station again with this version",
-            )
+        raise InputError.of(
+            "run-version",
+            file=str(path),
+            field="schema_version",
+            value=str(version),
+            legal=str(SCHEMA_VERSION),
+            fix="plan the station again with this version",
         )
     # Folders of single motions from before have not all fields: None says the same.
     return {**dict.fromkeys(RunResult.__annotations__), **result}
 
 
 def _damaged(path: Path, error: Exception) -> InputError:
-    return InputError(
-        Fault(
-            "run-damaged",
-            file=str(path),
-            value=f"{type(error).__name__}: {error}"[:200],
-            legal="the result.json of a run",
-            fix="plan the station again",
-        )
+    return InputError.of(
+        "run-damaged",
+        file=str(path),
+        value=f"{type(error).__name__}: {error}"[:200],
+        legal="the result.json of a run",
+        fix="plan the station again",
     )
 
 
@@ -331,14 +323,12 @@ def _read_motions(folder: Path, result: Mapping[str, Any]) -> dict[str, Array]:
     path = folder / "motions.npz"
     if not path.is_file() or sha256_of(path) != result["files"].get("motions.npz"):
         value = "no file" if not path.is_file() else "another checksum than result.json says"
-        raise InputError(
-            Fault(
-                "run-mixed",
-                file=str(path),
-                value=value,
-                legal="the motions.npz that was written with result.json",
-                fix="plan the station again; finished edges are read from the store",
-            )
+        raise InputError.of(
+            "run-mixed",
+            file=str(path),
+            value=value,
+            legal="the motions.npz that was written with result.json",
+            fix="plan the station again; finished edges are read from the store",
         )
     try:
         return arrays_of(content_of(path))

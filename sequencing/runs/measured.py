@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import correlate
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.physics.metrics import BUS_VOLTAGE_V, MotionState, motor_current_a, settled
 from dmoc.robot.drive import drive_from_mapping, electrical_power_w
 from dmoc.robot.robot import Robot
@@ -45,28 +45,24 @@ def measured_against_plan(
     run = read_run(run_dir, robot)
     joints = len(run.joint_names)
     if record.q_rad.shape[1] != joints:
-        raise InputError(
-            Fault(
-                "log-joints",
-                file=str(log),
-                field=f"{record.source}_q",
-                value=f"{record.q_rad.shape[1]} joints",
-                legal=f"{joints} joints of the run",
-                fix="compare a log with a run of the same robot",
-            )
+        raise InputError.of(
+            "log-joints",
+            file=str(log),
+            field=f"{record.source}_q",
+            value=f"{record.q_rad.shape[1]} joints",
+            legal=f"{joints} joints of the run",
+            fix="compare a log with a run of the same robot",
         )
     line = run.timeline
     shift, misfit = _shift(record, line)
     if misfit > _NEAR_RAD and _shift(record, line, math.pi / 180.0)[1] < 0.1 * misfit:
-        raise InputError(
-            Fault(
-                "log-unit",
-                file=str(log),
-                field=f"{record.source}_q",
-                value="as degrees it fits the plan",
-                legal="radians",
-                fix="convert positions and velocities to radians",
-            )
+        raise InputError.of(
+            "log-unit",
+            file=str(log),
+            field=f"{record.source}_q",
+            value="as degrees it fits the plan",
+            legal="radians",
+            fix="convert positions and velocities to radians",
         )
     times = record.t_s - shift
     planned, state = _planned(line, times), _state(line, run, times)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from dmoc.table_file import decimal_fault, read_text, separator_of
 from sequencing.runs.log_cells import ROW_CELLS, read_cells
 
@@ -72,7 +72,7 @@ class _Columns:
         self, code: str, field: str, value: str, legal: str, fix: str, row: int | None = None
     ) -> InputError:
         line = None if row is None else int(self.lines[row])
-        return InputError(Fault(code, str(self.path), field, value, legal, fix, line))
+        return InputError.of(code, str(self.path), field, value, legal, fix, line)
 
 
 _USED = re.compile(

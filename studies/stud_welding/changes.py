@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from dmoc.arrays import Array
-from dmoc.errors import Fault, InputError
+from dmoc.errors import InputError
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
@@ -78,14 +78,12 @@ def _rows(path: Path) -> dict[str, Any]:
     try:
         return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
     except ValueError as error:
-        raise InputError(
-            Fault(
-                "rows-damaged",
-                file=str(path),
-                value=str(error),
-                legal="the rows of a study",
-                fix="remove the file; its rows are priced again",
-            )
+        raise InputError.of(
+            "rows-damaged",
+            file=str(path),
+            value=str(error),
+            legal="the rows of a study",
+            fix="remove the file; its rows are priced again",
         ) from error
 
 

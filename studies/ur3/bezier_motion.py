@@ -16,7 +16,7 @@ from math import comb, perm
 import numpy as np
 
 from dmoc.arrays import Array, readonly
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.trajectory import JointTrajectory, inverse_dynamics
 from dmoc.robot.robot import Robot
 
@@ -46,24 +46,20 @@ class BezierMotion:
     def __post_init__(self) -> None:
         object.__setattr__(self, "control_rad", readonly(self.control_rad, "control_rad", 2))
         if len(self.control_rad) < 4:
-            raise ProblemError(
-                Fault(
-                    "bezier-controls",
-                    field="control_rad",
-                    value=f"{len(self.control_rad)}",
-                    legal=">= 4 control points",
-                    fix="use seven, as the paper does",
-                )
+            raise ProblemError.of(
+                "bezier-controls",
+                field="control_rad",
+                value=f"{len(self.control_rad)}",
+                legal=">= 4 control points",
+                fix="use seven, as the paper does",
             )
         if not (np.isfinite(self.duration_s) and self.duration_s > 0):
-            raise ProblemError(
-                Fault(
-                    "duration",
-                    field="duration_s",
-                    value=repr(self.duration_s),
-                    legal="> 0 s",
-                    fix="give the time that the motion takes",
-                )
+            raise ProblemError.of(
+                "duration",
+                field="duration_s",
+                value=repr(self.duration_s),
+                legal="> 0 s",
+                fix="give the time that the motion takes",
             )
 
     @property

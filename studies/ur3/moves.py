@@ -13,7 +13,7 @@ import numpy as np
 
 from dmoc.arrays import Array
 from dmoc.curves.trapezoid import trapezoid_motion
-from dmoc.errors import Fault, ProblemError
+from dmoc.errors import ProblemError
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.robot.robot import Robot
 from planning.collision.world import CollisionWorld
@@ -61,14 +61,12 @@ def random_moves(
     Drawn uniformly from joint ranges that fit the description and rejected until it holds.
     """
     if kind not in CLASSES:
-        raise ProblemError(
-            Fault(
-                "move-class",
-                field="kind",
-                value=kind,
-                legal=", ".join(CLASSES),
-                fix="name a class of the paper",
-            )
+        raise ProblemError.of(
+            "move-class",
+            field="kind",
+            value=kind,
+            legal=", ".join(CLASSES),
+            fix="name a class of the paper",
         )
     rng = np.random.default_rng([seed, CLASSES.index(kind)])
     draw = {"A": _side_to_side, "B": _front_to_back, "C": _up, "D": _down}[kind]
