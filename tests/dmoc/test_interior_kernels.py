@@ -10,7 +10,7 @@ from random_arms import random_problems, random_robot
 from dmoc.interior.filter import Filter, Merit
 from dmoc.interior.frames import frames_of, places_of_end
 from dmoc.interior.oracle import Oracle
-from dmoc.interior.point_kernels import Box, gather_rows, gradients
+from dmoc.interior.point_kernels import FreeBox, gather_rows, gradients
 from dmoc.interior.system import NewtonSystem
 from dmoc.motion.constraints import MotionLimits, TorqueSpeed
 from dmoc.programme.builder import Families, motion_programme
@@ -146,7 +146,7 @@ def test_flat_derivatives_are_those_of_the_assembled_programme(tmp_path, familie
         frames.rows,
         np.zeros(frames.num_momentum),
         w,
-        Box(w - 1, infinite, no_step, frames.size, frames.num_momentum),
+        FreeBox(w - 1, infinite, no_step, frames.size, frames.num_momentum),
         found,
     )
     assert found_value == pytest.approx(value[0], rel=1e-13)

@@ -11,9 +11,9 @@ from benchmarks.published_robots import published_robot, source_folder
 from dmoc.motion.cost import Cost
 from dmoc.motion.status import Status
 from dmoc.physics.running_cost import executed_cost
-from dmoc.programme.types import SolveParams
 from dmoc.robot.robot import Robot
 from dmoc.solving.solver import solve
+from dmoc.solving.solvers import SolveParams
 
 try:
     source_folder()
