@@ -25,7 +25,7 @@ from dmoc import Cost, MotionProblem, load_robot
 from dmoc.motion.trajectory import JointPath
 from dmoc.refinement import RefineParams, refine
 from studies.stud_welding.paper_figures import draw_boxes, draw_clearance, draw_curve, three_stages
-from tests.naive.planar_world import PlanarWorld
+from studies.stud_welding.planar_world import PlanarWorld
 
 world = PlanarWorld([1.0, 0.8], [[1.35, 0.75]], [0.25])
 seed = JointPath(np.array([[-0.5, 0.3], [-0.5, 2.4], [1.6, 2.4], [1.6, -0.3]]))

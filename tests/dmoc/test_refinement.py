@@ -13,7 +13,7 @@ from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointPath
 from dmoc.refinement import RefineParams, refine
 from dmoc.robot.robot import load_robot
-from tests.naive.planar_world import PlanarWorld
+from studies.stud_welding.planar_world import PlanarWorld
 
 WORLD = PlanarWorld([1.0, 0.8], [[1.35, 0.75]], [0.25])
 PATH = JointPath(np.array([[-0.5, 0.3], [-0.5, 2.4], [1.6, 2.4], [1.6, -0.3]]))

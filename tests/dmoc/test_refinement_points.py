@@ -19,7 +19,7 @@ from dmoc.refinement.iterate import (
 from dmoc.refinement.params import RefineParams
 from dmoc.refinement.points import knots_of, look, points_of, required_clearance
 from dmoc.robot.robot import load_robot
-from tests.naive.planar_world import PlanarWorld
+from studies.stud_welding.planar_world import PlanarWorld
 
 WORLD = PlanarWorld([1.0, 0.8], [[1.35, 0.75]], [0.25])
 CORNERS = np.array([[-0.2, 0.3], [0.5, 2.2], [1.6, -0.3]])

@@ -12,7 +12,7 @@ from dmoc.refinement.iterate import Points, iterate_from_path
 from dmoc.refinement.points import joined, look, points_of
 from dmoc.refinement.watch import _movable, nearest_places
 from dmoc.robot.robot import load_robot
-from tests.naive.planar_world import PlanarWorld
+from studies.stud_welding.planar_world import PlanarWorld
 
 FRACTIONS = (0.0, 0.25, 0.5, 0.75)
 

@@ -5,7 +5,7 @@ import pytest
 
 from dmoc.motion.trajectory import JointTrajectory
 from dmoc.robot.robot import load_robot
-from tests.naive.planar_world import PlanarWorld
+from studies.stud_welding.planar_world import PlanarWorld
 
 WORLD = PlanarWorld([1.0, 0.8], [[1.2, 0.9], [-0.3, 1.0]], [0.2, 0.15])
 Q = np.random.default_rng(5).uniform(-2.5, 2.5, (60, 2))

@@ -18,7 +18,7 @@ from dmoc.robot.robot import load_robot
 from sequencing.cycle.baseline import time_based_sequences, time_costs
 from sequencing.edges.nodes import StationNodes
 from sequencing.gtsp.evolution import order_crossover
-from tests.naive.planar_world import PlanarWorld
+from studies.stud_welding.planar_world import PlanarWorld
 from tests.regression.record import STATIONS, edge_row, read
 
 WORLD = PlanarWorld([1.0, 0.8], [[1.35, 0.75]], [0.25])
