@@ -15,7 +15,6 @@ from dmoc.arrays import Array, readonly
 from dmoc.motion.clearance import Certificate, CertificateFailure, Rows
 from dmoc.motion.trajectory import JointTrajectory
 
-
 _FAR_M = 1e9
 
 
