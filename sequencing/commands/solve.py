@@ -66,8 +66,8 @@ def run_solve(
     warnings = [doubt.to_dict() for doubt in robot.description.warnings]
     data = _as_object(motion) | {"warnings": warnings, "cpu_s": time.process_time() - began}
     console.show(
-        f"{motion.status.value}: cost {motion.cost:.6g}{_executed(motion)}, duration {motion.duration_s:.4g} s, "
-        f"{motion.iterations} iterations"
+        f"{motion.status.value}: cost {motion.cost:.6g}{_executed(motion)}, "
+        f"duration {motion.duration_s:.4g} s, {motion.iterations} iterations"
     )
     if not motion.status.ok:
         console.say(f"{motion.status.value}: {motion.status.advice} {motion.note}".rstrip())
