@@ -30,9 +30,9 @@ def cost_shares(trajectory: JointTrajectory, cost: Cost | ElectricalCost) -> dic
               + \kappa \| \dot q_{k+1} - \dot q_k \|^2\bigr)
 
     with κ of the reported cost and u_k the torque that is constant on interval k. The keys are
-    `time`, `effort`, `velocity`. For an `ElectricalCost` the effort is the price of the joules, which needs the drive model and
-    is therefore left out; time and velocity are the same. Matrices Q, R add a term `matrices`,
-    with the state at the middle of an interval.
+    `time`, `effort`, `velocity`. For an `ElectricalCost` the effort is the price of the joules,
+    which needs the drive model and is therefore left out; time and velocity are the same. Matrices
+    Q, R add a term `matrices`, with the state at the middle of an interval.
     """
     h = np.diff(trajectory.t_s)
     speed = np.diff(trajectory.q_rad, axis=0) / h[:, None]
