@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from dmoc.arrays import Array, joint_vector, readonly
 from dmoc.errors import RobotError
+from dmoc.robot.controller import Controller, controller_from_mapping
 from dmoc.robot.description import Description, LinkShape
 from dmoc.robot.settings import ACCELERATION_PER_SPEED, assumptions, read_settings, settings_faults
 from dmoc.robot.urdf import read_urdf
@@ -73,8 +74,9 @@ class Robot:
     [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
     [kg·m²]; jerk limits [rad/s³], None for none. `flange` is the frame that carries the tool.
     `drive` is the mapping of robot.yaml's `drive` section (read by `robot.drive`); `provenance`
-    tags every value as measured, published or assumed. `allowed_collisions` are the pairs of links
-    that may touch (neighbours in the chain).
+    tags every value as measured, published or assumed. `controller` is how the real robot's
+    controller counts the joints, None where nobody said. `allowed_collisions` are the pairs of
+    links that may touch (neighbours in the chain).
     `fingerprint` changes with anything that changes a motion; robots of equal fingerprint are
     equal. Pickles carry the model itself, so a worker process needs no file for dynamics.
     """
@@ -99,6 +101,7 @@ class Robot:
     fingerprint: str
     mass_scale: float = 1.0
     jerk_limit_rad_s3: Array | None = None
+    controller: Controller | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Robot) and self.fingerprint == other.fingerprint
@@ -237,15 +240,23 @@ def load_robot(
 
     velocity = vector("velocity_limit_rad_s", model.velocityLimit)
     torque = vector("torque_limit_nm", model.effortLimit)
-    doubts = (*description.warnings, *assumptions(urdf, tree, velocity, torque))
+    lower, upper = (
+        vector(key, getattr(model, f"{end}PositionLimit"))
+        for key, end in (("q_lower_rad", "lower"), ("q_upper_rad", "upper"))
+    )
+    doubts = [*description.warnings, *assumptions(urdf, tree, velocity, torque)]
+    controller = None
+    if settings.get("controller") is not None:
+        controller = controller_from_mapping(settings["controller"], n)
+        doubts += controller.doubts(str(urdf.with_name("robot.yaml")), lower, upper)
     robot = Robot(
         name=str(settings.get("name", urdf.stem)),
         model=model,
         urdf=urdf.resolve(),
-        description=replace(description, warnings=doubts),
+        description=replace(description, warnings=tuple(doubts)),
         flange=description.flange,
-        q_lower_rad=vector("q_lower_rad", model.lowerPositionLimit),
-        q_upper_rad=vector("q_upper_rad", model.upperPositionLimit),
+        q_lower_rad=lower,
+        q_upper_rad=upper,
         velocity_limit_rad_s=velocity,
         acceleration_limit_rad_s2=vector(
             "acceleration_limit_rad_s2", ACCELERATION_PER_SPEED * velocity
@@ -264,6 +275,7 @@ def load_robot(
         jerk_limit_rad_s3=vector("jerk_limit_rad_s3", np.zeros(n))
         if "jerk_limit_rad_s3" in settings
         else None,
+        controller=controller,
     )
     return _assemble(robot)
 
