@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from dmoc.arrays import Array
@@ -25,6 +26,7 @@ _LIMIT_DEG = 0.1
 class Controller:
     """Controller angles [deg] = sign · URDF angles + offset, axis 3 plus `coupling` · axis 2.
 
+    A joint that slides (`slides` (n,)) counts in mm, and not among the axes of the coupling.
     `base` is T_base_link_controller, `tool0` T_flange_tool0; `home` one pose in both notations
     (URDF [rad], controller [deg]) and `limits_deg` (n, 2) the axis ranges of the data sheet, each
     None where it is not given.
@@ -38,20 +40,31 @@ class Controller:
     tool0: pin.SE3
     home: tuple[Array, Array] | None
     limits_deg: Array | None
+    slides: npt.NDArray[np.bool_]
 
     def degrees(self, q_rad: Array) -> Array:
         """Controller angles [deg] of URDF angles (..., n) [rad]."""
-        angles = self.sign * np.degrees(q_rad) + self.offset_deg
+        angles = self._apart(q_rad)
         if self.coupling:
-            angles[..., 2] += self.coupling * angles[..., 1]
+            two, three = np.flatnonzero(~self.slides)[1:3]
+            angles[..., three] += self.coupling * angles[..., two]
         return angles
 
     def radians(self, degrees: Array) -> Array:
         """URDF angles [rad] of controller angles (..., n) [deg]."""
         angles = np.array(degrees, dtype=float)
         if self.coupling:
-            angles[..., 2] -= self.coupling * angles[..., 1]
-        return np.radians(self.sign * (angles - self.offset_deg))
+            two, three = np.flatnonzero(~self.slides)[1:3]
+            angles[..., three] -= self.coupling * angles[..., two]
+        return self.sign * (angles - self.offset_deg) / self._unit()
+
+    def _apart(self, q_rad: Array) -> Array:
+        """As `degrees`, without the coupling."""
+        angles: Array = self.sign * np.asarray(q_rad) * self._unit() + self.offset_deg
+        return angles
+
+    def _unit(self) -> Array:
+        return np.where(self.slides, 1000.0, np.degrees(1.0))
 
     def home_error_deg(self) -> float:
         """How far the map misses the pose that is stated in both notations; 0 where none is."""
@@ -68,11 +81,12 @@ class Controller:
             found.append(Fault("controller-home", file, "controller.home", value, legal, fix))
         if self.limits_deg is None:
             return found
-        ends = [self.sign * np.degrees(q) + self.offset_deg for q in (q_lower_rad, q_upper_rad)]
+        ends = [self._apart(q) for q in (q_lower_rad, q_upper_rad)]
+        third = np.flatnonzero(~self.slides)[2:3] if self.coupling else ()
         low, high = np.minimum(*ends), np.maximum(*ends)
         for j, (least, most) in enumerate(self.limits_deg):
             apart = max(abs(low[j] - least), abs(high[j] - most))
-            if apart <= _LIMIT_DEG or (j == 2 and self.coupling):  # a coupled range is no interval
+            if apart <= _LIMIT_DEG or j in third:  # a coupled range is no interval
                 continue
             value = f"the URDF's limits are {low[j]:.6g} to {high[j]:.6g} deg there"
             legal = f"{least:.6g} to {most:.6g} deg"
@@ -82,8 +96,11 @@ class Controller:
         return found
 
 
-def controller_from_mapping(data: Any, n: int) -> Controller:
+def controller_from_mapping(
+    data: Any, n: int, slides: npt.NDArray[np.bool_] | None = None
+) -> Controller:
     """The `controller` section of robot.yaml for n joints; `RobotError` with every fault."""
+    slides = np.zeros(n, dtype=np.bool_) if slides is None else slides
     faults: list[Fault] = []
 
     def refuse(field: str, value: Any, legal: str, fix: str) -> None:
@@ -119,7 +136,7 @@ def controller_from_mapping(data: Any, n: int) -> Controller:
     if not isinstance(coupling, str) or coupling not in COUPLINGS:
         fix = "say whether axis 3 turns with axis 2 (rods of ABB, FANUC), even where it does not"
         refuse("coupling", coupling, ", ".join(COUPLINGS), fix)
-    elif coupling != "none" and n < 3:
+    elif coupling != "none" and np.sum(~slides) < 3:
         refuse("coupling", coupling, "none for fewer than 3 joints", "write none")
     sign = numbers(data.get("sign", [1] * n), "sign", (n,), f"{n} of 1 and -1")
     if not np.all(np.abs(sign) == 1):
@@ -134,14 +151,15 @@ def controller_from_mapping(data: Any, n: int) -> Controller:
                 numbers(given[key], f"home.{key}", (n,), f"{n} angles [deg]")
                 for key in ("urdf_deg", "controller_deg")
             )
-            home = (np.radians(urdf), own)
+            home = (np.where(slides, urdf / 1000.0, np.radians(urdf)), own)
     limits = data.get("limits_deg")
     if limits is not None:
         limits = numbers(limits, "limits_deg", (n, 2), f"{n} pairs [least, most] [deg]")
     base, tool0 = pose("base"), pose("tool0")
     if faults:
         raise RobotError(faults)
-    return Controller(vendor, sign, offset, COUPLINGS[coupling], base, tool0, home, limits)
+    turns = COUPLINGS[coupling]
+    return Controller(vendor, sign, offset, turns, base, tool0, home, limits, slides)
 
 
 def controller_text(num_joints: int) -> str:

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from dmoc.arrays import Array, joint_vector, readonly
@@ -127,6 +128,12 @@ class Robot:
     def num_joints(self) -> int:
         """n."""
         return int(self.model.nv)
+
+    @property
+    def slides(self) -> npt.NDArray[np.bool_]:
+        """Which joints (n,) slide: metres, newtons and kilograms stand where others have rad,
+        N·m and kg·m². Only the first may: a track under the arm."""
+        return self.description.slides
 
     @property
     def flange_id(self) -> int:
@@ -247,7 +254,7 @@ def load_robot(
     doubts = [*description.warnings, *assumptions(urdf, tree, velocity, torque)]
     controller = None
     if settings.get("controller") is not None:
-        controller = controller_from_mapping(settings["controller"], n)
+        controller = controller_from_mapping(settings["controller"], n, description.slides)
         doubts += controller.doubts(str(urdf.with_name("robot.yaml")), lower, upper)
     robot = Robot(
         name=str(settings.get("name", urdf.stem)),

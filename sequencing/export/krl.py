@@ -25,7 +25,10 @@ def krl_program(program: Program) -> str:
     run = program.run
 
     def axes(degrees: Array) -> str:
-        return "{" + ", ".join(f"A{j} {x:.6f}" for j, x in enumerate(degrees, 1)) + "}"
+        slides = program.controller.slides
+        parts = [f"A{j} {x:.6f}" for j, x in enumerate(degrees[~slides], 1)]
+        parts += [f"E{j} {x:.6f}" for j, x in enumerate(degrees[slides], 1)]
+        return "{" + ", ".join(parts) + "}"
 
     def moves(key: str, _: object) -> list[str]:
         found = program.targets[key]

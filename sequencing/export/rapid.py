@@ -8,7 +8,6 @@ from dmoc.arrays import Array
 from sequencing.export.program import Program, load_of, tip_of, world_of
 from sequencing.export.wording import TIMED, header_lines, point_to_point, program_name
 
-_NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _HOW = "\\NoEOffs,"
 _WITH = "dm_tool\\WObj:=dm_world;"
 #: Kept by the plant: written where it is not there.
@@ -29,7 +28,9 @@ def rapid_program(program: Program) -> str:
     run = program.run
 
     def target(degrees: Array) -> str:
-        return f"[[{','.join(f'{x:.6f}' for x in degrees)}],{_NO_AXES}]"
+        slides = program.controller.slides
+        arm, track = ([f"{x:.6f}" for x in degrees[kind]] for kind in (~slides, slides))
+        return f"[[{','.join(arm)}],[{','.join([*track, *['9E9'] * (6 - len(track))])}]]"
 
     def moves(key: str, _: object) -> list[str]:
         found = program.targets[key]

@@ -23,7 +23,7 @@ _END = re.compile(r"^\s*[#!;] end \S+")
 
 class ReadMotion(NamedTuple):
     """What a program tells of one motion: targets (K, n) [deg] in the controller's angles, the
-    time (K,) [s] of each stretch, and which targets are exact stops."""
+    time (K,) [s] of each stretch, and which targets are exact stops. A track [mm] comes last."""
 
     degrees: Array
     times_s: Array
@@ -47,7 +47,7 @@ def read_cubics(path: Path) -> dict[str, tuple[Array, Array, Array]]:
 
 def read_rapid(path: Path) -> dict[str, ReadMotion]:
     """The MoveAbsJ of every motion, by key."""
-    rows = _by_motion(path, re.compile(r"MoveAbsJ \[(\[[^\]]+\]).*\\T:=([\d.]+), "))
+    rows = _by_motion(path, re.compile(r"MoveAbsJ \[(\[[^\]]+\],\[[^\]]+\])\].*\\T:=([\d.]+), "))
     zone = re.compile(r"MoveAbsJ .*\\T:=[\d.]+, (\w+),")
     stops = _by_motion(path, zone, lambda text: [float(text == "fine")])
     return {

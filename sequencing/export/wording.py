@@ -108,14 +108,17 @@ def program_name(text: str, language: str) -> str:
 
 
 def six_joints(run: Run, language: str) -> None:
-    """Refuse a robot that does not have the six joints that `language` can name."""
-    if len(run.joint_names) != 6:
+    """Refuse a robot that does not have the six turning joints that `language` can name, and at
+    most a track where it has external axes."""
+    tracks = 0 if run.robot is None else int(run.robot.slides.sum())
+    if len(run.joint_names) - tracks != 6 or (tracks and language == "URScript"):
         raise InputError.of(
             "export-joints",
             file=str(run.folder),
             field="robot.joint_names",
             value=str(len(run.joint_names)),
-            legal=f"6 joints for {language}",
+            legal=f"6 turning joints for {language}"
+            + ("" if language == "URScript" else ", and a track"),
             fix="use csv or ros for other arms",
         )
 
