@@ -12,10 +12,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from dmoc.arrays import Array, joint_vector, readonly
 from dmoc.errors import RobotError
+from dmoc.robot.controller import Controller, controller_from_mapping
 from dmoc.robot.description import Description, LinkShape
 from dmoc.robot.settings import (
     ACCELERATION_PER_SPEED,
@@ -83,8 +85,9 @@ class Robot:
     [rad], velocity [rad/s], acceleration [rad/s²] and torque [N·m] limits (symmetric), armature
     [kg·m²]; jerk limits [rad/s³], None for none. `flange` is the frame that carries the tool.
     `drive` is the mapping of robot.yaml's `drive` section (read by `robot.drive`); `provenance`
-    tags every value as measured, published or assumed. `allowed_collisions` are the pairs of links
-    that may touch (neighbours in the chain).
+    tags every value as measured, published or assumed. `controller` is how the real robot's
+    controller counts the joints, None where nobody said. `allowed_collisions` are the pairs of
+    links that may touch (neighbours in the chain).
     `fingerprint` changes with anything that changes a motion; robots of equal fingerprint are
     equal. Pickles carry the model itself, so a worker process needs no file for dynamics.
     """
@@ -109,6 +112,7 @@ class Robot:
     fingerprint: str
     mass_scale: float = 1.0
     jerk_limit_rad_s3: Array | None = None
+    controller: Controller | None = None
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Robot) and self.fingerprint == other.fingerprint
@@ -134,6 +138,12 @@ class Robot:
     def num_joints(self) -> int:
         """n."""
         return int(self.model.nv)
+
+    @property
+    def slides(self) -> npt.NDArray[np.bool_]:
+        """Which joints (n,) slide: metres, newtons and kilograms stand where others have rad,
+        N·m and kg·m². Only the first may: a track under the arm."""
+        return self.description.slides
 
     @property
     def flange_id(self) -> int:
@@ -247,15 +257,24 @@ def load_robot(
 
     velocity = vector("velocity_limit_rad_s", model.velocityLimit)
     torque = vector("torque_limit_nm", model.effortLimit)
-    doubts = (*description.warnings, *assumptions(urdf, tree, velocity, torque))
+    lower, upper = (
+        vector(key, getattr(model, f"{end}PositionLimit"))
+        for key, end in (("q_lower_rad", "lower"), ("q_upper_rad", "upper"))
+    )
+    doubts, controller = list(description.warnings), None
+    if settings.get("controller") is not None:
+        controller = controller_from_mapping(settings["controller"], n, description.slides)
+        doubts += controller.doubts(str(urdf.with_name("robot.yaml")), lower, upper)
     robot = Robot(
         name=str(settings.get("name", urdf.stem)),
         model=model,
         urdf=urdf.resolve(),
-        description=replace(description, warnings=doubts),
+        description=replace(
+            description, warnings=(*doubts, *assumptions(urdf, tree, velocity, torque))
+        ),
         flange=description.flange,
-        q_lower_rad=vector("q_lower_rad", model.lowerPositionLimit),
-        q_upper_rad=vector("q_upper_rad", model.upperPositionLimit),
+        q_lower_rad=lower,
+        q_upper_rad=upper,
         velocity_limit_rad_s=velocity,
         acceleration_limit_rad_s2=vector(
             "acceleration_limit_rad_s2", ACCELERATION_PER_SPEED * velocity
@@ -274,6 +293,7 @@ def load_robot(
         jerk_limit_rad_s3=vector("jerk_limit_rad_s3", np.zeros(n))
         if "jerk_limit_rad_s3" in settings
         else None,
+        controller=controller,
     )
     robot, missing = _assemble(robot), np.flatnonzero(torque == 0)
     if not len(missing):
@@ -281,11 +301,11 @@ def load_robot(
     torque = np.where(torque == 0, estimated_torque_nm(robot), torque)
     joints = list(model.names)[1:]
     warning = torque_assumed(urdf, [joints[i] for i in missing], torque)
-    doubts = (*description.warnings, *assumptions(urdf, tree, velocity, torque), warning)
+    doubts += [*assumptions(urdf, tree, velocity, torque), warning]
     return _assemble(
         robot,
         torque_limit_nm=readonly(torque, "torque_limit_nm", 1),
-        description=replace(description, warnings=doubts),
+        description=replace(description, warnings=tuple(doubts)),
         provenance=MappingProxyType({**robot.provenance, "torque_limit_nm": "assumed"}),
     )
 

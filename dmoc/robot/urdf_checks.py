@@ -234,9 +234,6 @@ def read_joint(
         legal, fix = "revolute, continuous, prismatic or fixed", "fix the joint, or leave it out"
         faults.add("joint-type", joint, kind or "no type", legal, fix, field)
         return plain
-    if kind == "prismatic" and arm:
-        legal, fix = "a chain of turning joints", "fix it, or lock it: locked: {JOINT: m}"
-        faults.add("joint-type", joint, "a sliding axis in the arm", legal, fix, field)
     if kind == "fixed":
         return plain
     axis = _numbers(joint.first("axis"), "xyz", 3, "1 0 0", f"{field}.axis", faults)

@@ -205,7 +205,7 @@ def test_continuous_joints_get_two_turns(tmp_path):
 
 
 def test_a_sliding_axis_in_the_arm_is_refused(tmp_path):
-    refused(write(tmp_path, joint("j1", "base", "l1", "prismatic"), without=("j1",)), "joint-type")
+    refused(write(tmp_path, joint("j2", "l1", "l2", "prismatic"), without=("j2",)), "joint-type")
 
 
 def mesh_link(name, scale=""):
