@@ -223,7 +223,9 @@ def _3mf_object(
         raise MeshSyntaxError("mesh-syntax", f"object {name} holds itself, or too many parts")
     for component in objects[name].iterfind("components/component"):
         _3mf_object(objects, component, place, (*above, name), parts)
-    if (mesh := objects[name].find("mesh")) is None:
+    mesh = objects[name].find("mesh")
+    if mesh is None:  # it counts as a part: an archive cannot name others without end
+        parts.append((np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)))
         return
     points = [[float(_plain(v.attrib[k])) for k in "xyz"] for v in mesh.iterfind("vertices/vertex")]
     triangles = mesh.iterfind("triangles/triangle")
