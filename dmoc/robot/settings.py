@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +93,22 @@ def _misread(path: Path) -> Fault | None:
 ROTOR_RAD_S2 = 100.0
 #: Acceleration limit over speed limit where no acceleration limit is given [1/s].
 ACCELERATION_PER_SPEED = 10.0
+
+
+#: Drives are taken to hold an arm and a load of LOAD times its mass, at x and z [m] of its flange,
+#: and to reach full speed within RAMP_S [s], RESERVE times over.
+LOAD, LOAD_AT_M, RESERVE, RAMP_S = 0.1, 0.1, 1.5, 0.3
+
+
+def torque_assumed(urdf: Path, names: Sequence[str], torque_nm: Array) -> Fault:
+    """The warning of torque limits that nobody gave."""
+    value = f"no effort of {', '.join(names)}; {_numbers(torque_nm)} taken"
+    fix = (
+        f"give torque_limit_nm in robot.yaml; taken is {RESERVE:g} x what holding the arm with "
+        f"{LOAD:g} of its mass at the flange and {RAMP_S:g} s to full speed take"
+    )
+    file = str(urdf.with_name("robot.yaml"))
+    return Fault("torque-assumed", file, "torque_limit_nm", value, "N·m of each joint", fix)
 
 
 def assumptions(

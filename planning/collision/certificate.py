@@ -137,18 +137,9 @@ def _bisected(
     scene, scope = clearance.world.scene, clearance.scope
     tree = bisection_workspace(len(scene.pieces), len(scope.pairs.body), max_depth)
     failures, evaluations, smallest, level = prove(
-        scene.chain,
-        scene.solids,
-        scope.pairs,
-        scene.pose,
-        scene.moving,
+        scene.view(scope),
         bezier,
         clearance.tracking_error_m,
-        scene.tip,
-        scope.lines,
-        scope.exempt,
-        scope.inside,
-        scene.work,
         tree,
         len(where),
         where,

@@ -142,8 +142,8 @@ def test_places(tmp_path):
     assert code_of(tmp_path, str(tmp_path.parent / "part.stl")) == "path-outside"
     assert code_of(tmp_path, "none.stl") == "mesh-missing"
     assert code_of(tmp_path, "inner") == "mesh-missing"
-    (tmp_path / "part.step").write_text("ISO")
-    assert code_of(tmp_path, "part.step") == "mesh-kind"
+    (tmp_path / "part.iges").write_text("ISO")
+    assert code_of(tmp_path, "part.iges") == "mesh-kind"
 
 
 @given(st.data())

@@ -195,7 +195,9 @@ def test_the_shares_add_up_to_the_cost():
     naive = 0.0
     for k in range(trajectory.num_intervals):
         speed = (trajectory.q_rad[k + 1] - trajectory.q_rad[k]) / h[k]
-        naive += h[k] * (2 + 3e-6 * np.sum(trajectory.torque_nm[k] ** 2) + 0.5 * np.sum(speed**2))
+        within = (trajectory.velocity_rad_s[k + 1] - trajectory.velocity_rad_s[k]) ** 2 / 12
+        naive += h[k] * (2 + 3e-6 * np.sum(trajectory.torque_nm[k] ** 2))
+        naive += h[k] * 0.5 * np.sum(speed**2 + within)
     assert sum(shares.values()) == pytest.approx(naive, rel=1e-12)
 
 
