@@ -16,10 +16,10 @@ from dmoc.errors import MeshError
 from dmoc.input_file import confined
 from dmoc.robot.description import LinkShape, Three
 from dmoc.robot.robot import Robot
-from planning.geometry.mesh_file import MeshSyntaxError, read_triangles
+from planning.geometry.mesh_file import OWN_UNIT, MeshSyntaxError, read_triangles
 
 UNITS = {"m": 1.0, "mm": 1e-3}
-_KINDS = (".stl", ".obj", ".glb", ".ply", ".dae")
+_KINDS = (".stl", ".obj", ".glb", ".ply", *OWN_UNIT)
 _MOST_BYTES = 300_000_000
 #: Bounding-box diagonals [m] that a part or tool of a station can have.
 _DIAGONAL_M = (0.005, 60.0)
@@ -53,10 +53,11 @@ def load_mesh(
     path = confined(relative, folder, file, field)
     fix = f"write unit: {'mm' if unit == 'm' else 'm'} if that is the unit it was drawn in"
     how = f"with unit: {unit}"
-    if path.suffix.lower() == ".dae" and unit != "m":
-        raise MeshError.of(
-            "mesh-unit", file, field, f"{relative} {how}", "m", "a DAE says its own unit"
-        )
+    if path.suffix.lower() in OWN_UNIT and unit != "m":
+        fix = "DAE, 3MF and STEP say their own unit: write unit: m"
+        raise MeshError.of("mesh-unit", file, field, f"{relative} {how}", "m", fix)
+    if path.suffix.lower() in OWN_UNIT:
+        fix = "the file says its own unit: export it again in the right one"
     scale = UNITS[unit]
     return _read(path, relative, (scale, scale, scale), _DIAGONAL_M, how, fix, file, field)
 
@@ -122,7 +123,7 @@ def _read(
         vertices, faces = read_triangles(path)
     except MeshSyntaxError as error:
         value, legal = f"{name}: {error}", "a complete mesh file"
-        raise refuse(error.code, value, legal, "export the mesh again") from error
+        raise refuse(error.code, value, legal, error.fix) from error
     except OSError as error:
         raise refuse("mesh-missing", str(error), "a readable file", "check its rights") from error
     wrong = int(np.sum(~np.isfinite(vertices).all(axis=1)))

@@ -5,11 +5,21 @@ from __future__ import annotations
 import io
 import re
 import struct
+import subprocess
+import sys
+import tempfile
+import zipfile
+import zlib
+from importlib.util import find_spec
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
+
+#: Kinds that say their own unit: they are read in metres.
+OWN_UNIT = (".dae", ".3mf", ".step", ".stp")
 
 Triangles = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
 _FILE_FAULTS = (
@@ -34,17 +44,18 @@ _FILE_FAULTS = (
 class MeshSyntaxError(ValueError):
     """The file is not what its name says; `code` is the stable code of the fault."""
 
-    def __init__(self, code: str, message: str) -> None:
+    def __init__(self, code: str, message: str, fix: str = "export the mesh again") -> None:
         super().__init__(message)
-        self.code = code
+        self.code, self.fix = code, fix
 
 
 def read_triangles(path: Path) -> Triangles:
-    """Vertices (V, 3) in the file's unit (DAE: in metres, by its <unit>) and faces (F, 3).
+    """Vertices (V, 3) in the file's unit (DAE, 3MF, STEP: in metres) and faces (F, 3).
 
-    Equal vertices are merged. STL (binary, text) and OBJ are read here, DAE by pycollada, GLB and
-    PLY by trimesh: all in Python, where a broken file cannot take the process along. A DAE's
-    up_axis is ignored, as other tools do for robots. Raises `MeshSyntaxError`.
+    Equal vertices are merged. STL (binary, text), OBJ and 3MF are read here, DAE by pycollada, GLB
+    and PLY by trimesh: all in Python, where a broken file cannot take the process along. A DAE's
+    up_axis is ignored, as other tools do for robots. STEP is meshed by cascadio, where that is
+    installed, in a process of its own. Raises `MeshSyntaxError`.
     """
     kind = path.suffix.lower()
     content = path.read_bytes()
@@ -57,6 +68,10 @@ def read_triangles(path: Path) -> Triangles:
         soup, faces = _obj(content)
     elif kind == ".dae":
         soup, faces = _dae(content)
+    elif kind == ".3mf":
+        soup, faces = _3mf(content)
+    elif kind in (".step", ".stp"):
+        soup, faces = _step(path)
     else:
         soup, faces = _other(path)
     if kind == ".ply" and len(faces) < (promised := _ply_faces(content)):
@@ -151,6 +166,102 @@ def _dae(content: bytes) -> Triangles:
     if file.errors:
         raise MeshSyntaxError("mesh-syntax", f"{file.errors[0]}"[:200])
     return np.concatenate(points), np.concatenate(faces)
+
+
+_3MF_UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2}
+_3MF_UNITS |= {"inch": 0.0254, "foot": 0.3048, "meter": 1.0}
+_MOST_XML_BYTES = 500_000_000
+_MOST_PARTS = 10_000
+
+
+def _3mf(content: bytes) -> Triangles:
+    """The build items of the model in the archive, in metres by its unit (millimetres without)."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            names = [n for n in archive.namelist() if n.lower().endswith(".model")]
+            if len(names) != 1:
+                raise MeshSyntaxError("mesh-syntax", f"{len(names)} models in the archive, not 1")
+            if archive.getinfo(names[0]).file_size > _MOST_XML_BYTES:
+                raise MeshSyntaxError("mesh-large", f"more than {_MOST_XML_BYTES} bytes of XML")
+            text = archive.read(names[0])
+        if b"<!DOCTYPE" in text:
+            raise MeshSyntaxError("mesh-syntax", "a document type in the model")
+        root = ElementTree.fromstring(text)
+        for element in root.iter():
+            element.tag = element.tag.rpartition("}")[2]
+        scale = _3MF_UNITS[root.get("unit", "millimeter")]
+        objects = {item.attrib["id"]: item for item in root.iterfind("resources/object")}
+        parts: list[Triangles] = []
+        for item in root.iterfind("build/item"):
+            _3mf_object(objects, item, np.eye(4), (), parts)
+    except MeshSyntaxError:
+        raise
+    except (*_FILE_FAULTS, zipfile.BadZipFile, zlib.error) as error:
+        raise MeshSyntaxError("mesh-syntax", f"{type(error).__name__}: {error}"[:200]) from error
+    if not parts:
+        raise MeshSyntaxError("mesh-empty", "no build item")
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    faces = np.concatenate([faces + start for (_, faces), start in zip(parts, starts)])
+    return scale * np.concatenate([vertices for vertices, _ in parts]), faces
+
+
+def _3mf_object(
+    objects: dict[str, ElementTree.Element],
+    named: ElementTree.Element,
+    outer: npt.NDArray[np.float64],
+    above: tuple[str, ...],
+    parts: list[Triangles],
+) -> None:
+    """Append what a build item or component names; rows of vertices times the transform."""
+    own = np.eye(4)
+    if "transform" in named.attrib:
+        own[:, :3] = np.array(_plain(named.attrib["transform"]).split(), float).reshape(4, 3)
+    place, name = own @ outer, named.attrib["objectid"]
+    if any(key.endswith("path") for key in named.attrib):
+        raise MeshSyntaxError("mesh-syntax", "parts in other files of the archive")
+    if name in above or len(parts) >= _MOST_PARTS:
+        raise MeshSyntaxError("mesh-syntax", f"object {name} holds itself, or too many parts")
+    for component in objects[name].iterfind("components/component"):
+        _3mf_object(objects, component, place, (*above, name), parts)
+    mesh = objects[name].find("mesh")
+    if mesh is None:  # it counts as a part: an archive cannot name others without end
+        parts.append((np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)))
+        return
+    points = [[float(_plain(v.attrib[k])) for k in "xyz"] for v in mesh.iterfind("vertices/vertex")]
+    triangles = mesh.iterfind("triangles/triangle")
+    corners = [[int(_plain(t.attrib[k])) for k in ("v1", "v2", "v3")] for t in triangles]
+    vertices, faces = np.array(points).reshape(-1, 3), np.array(corners, dtype=np.int64)
+    faces = faces.reshape(-1, 3)
+    if faces.size and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise MeshSyntaxError("mesh-index", f"a face names vertex {faces.max()} of {len(vertices)}")
+    if np.linalg.det(place[:3, :3]) < 0:  # a mirror image: its faces look inwards
+        faces = faces[:, ::-1]
+    parts.append((vertices @ place[:3, :3] + place[3, :3], faces))
+
+
+def _plain(number: str) -> str:
+    """The text, unless Python alone would read a number in it (1_000)."""
+    if "_" in number:
+        raise ValueError(f"{number!r} is no number")
+    return number
+
+
+_MESH_STEP = "import sys, cascadio; sys.exit(cascadio.step_to_glb(*sys.argv[1:3], 0.1, 0.3))"
+
+
+def _step(path: Path) -> Triangles:
+    """Within 0.1 mm and 0.3 rad of the surfaces, in metres by the file's unit."""
+    if find_spec("cascadio") is None:
+        how = "pip install 'dmoc[step]', or export the part as STL, OBJ or 3MF"
+        raise MeshSyntaxError("mesh-kind", "STEP needs the package cascadio, not installed", how)
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "part.glb"
+        command = [sys.executable, "-c", _MESH_STEP, str(path.resolve()), str(target)]
+        done = subprocess.run(command, capture_output=True, check=False, cwd=folder)
+        if done.returncode or not target.is_file():
+            words = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+            raise MeshSyntaxError("mesh-syntax", f"cannot be meshed ({done.returncode}) {words}")
+        return _other(target)
 
 
 def _ply_faces(content: bytes) -> int:
