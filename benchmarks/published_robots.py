@@ -20,7 +20,7 @@ FILES = {
     "z1": "z1_description/urdf/z1.urdf",
     "kinova": "kinova_description/robots/kinova.urdf",
 }
-_FLANGES = {"panda": "panda_hand_tcp"}
+_FLANGES = {"panda": "panda_hand_tcp", "kinova": "j2s6s200_end_effector"}
 _NOT_ARM = ("finger", "gripper", "knuckle", "drive_joint")
 
 

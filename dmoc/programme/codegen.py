@@ -33,8 +33,9 @@ from dmoc.errors import InputError
 from dmoc.programme.c_source import c_files
 from dmoc.programme.stages import Stage
 
-# Solves before a compiler is started in `auto`: one-off robots are not worth it.
-SOLVES_BEFORE_COMPILING = 3
+# Programmes solved before a compiler is started in `auto`, about a dozen motions: compiling costs
+# as much CPU as it saves in some hundred, and one-off robots are not worth it.
+SOLVES_BEFORE_COMPILING = 60
 
 
 @dataclass

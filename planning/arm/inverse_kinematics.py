@@ -42,8 +42,10 @@ def inverse(robot: Robot, poses: Array, seed: int = 0) -> Solutions:
     Closed form for spherical wrists and for three parallel axes; other arms (7 joints, offset
     wrists) by seeded multi-start, which for 7 joints samples the free motion. Errors against
     forward kinematics are at most 1e-9 m and rad. At a straight wrist one joint is free and is
-    sampled. A pose that is off that by the digits of a file (a sine below 1e-6) may leave the exact
-    branches out of reach or limits: then come the samples, off by no more than that sine.
+    sampled; of more than eight solutions, as samples are, each is given once, with the turns
+    nearest to the middle of the ranges: all turns of them were up to 2,300. A pose that is off that
+    by the digits of a file (a sine below 1e-6) may leave the exact branches out of reach or limits:
+    then come the samples, off by no more than that sine.
     A track under the arm is sampled: at every place the arm on it is solved.
     """
     return _inverse(chain_of(robot), np.asarray(poses, dtype=float).reshape(-1, 4, 4), seed)
@@ -60,6 +62,8 @@ def _inverse(chain: ScrewAxes, poses: Array, seed: int) -> Solutions:
         for found in (exact, sampled):
             counts[k] += len(found)
             turns = [wraps(q, chain.lower_rad, chain.upper_rad) for q in found]
+            if len(found) > NUM_BRANCHES:
+                turns = [_most_central(inside, chain) for inside in turns]
             outside[k] += sum(len(inside) == 0 for inside in turns)
             legal = [row for inside in turns for row in inside]
             rows += legal
@@ -93,6 +97,12 @@ def _along_track(chain: ScrewAxes, poses: Array, seed: int) -> Solutions:
         for name in ("num_branches", "num_outside")
     )
     return Solutions(np.concatenate(rows)[order], pose[order], counts, outside)
+
+
+def _most_central(turns: Array, chain: ScrewAxes) -> Array:
+    """The one of the rows (W, n) that is nearest to the middle of the ranges; none of none."""
+    away = np.abs(turns - (chain.lower_rad + chain.upper_rad) / 2).sum(axis=1)
+    return turns[np.argsort(away, kind="stable")[:1]]
 
 
 def _branches(chain: ScrewAxes, poses: Array, seed: int) -> list[tuple[Array, Array]]:
