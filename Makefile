@@ -34,7 +34,7 @@ demo: $(STAMP_RUN)
 	$(BIN)/dmoc demo
 
 test: lint types contracts
-	$(BIN)/python -m pytest -n 2 --dist loadgroup
+	$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
 	$(MAKE) notebooks-check
 
 lint: $(STAMP_TEST)

@@ -1,4 +1,4 @@
-"""One worker a module whose fixtures plan: two would each plan the same again."""
+"""One worker a module whose tests share a fixture: two would each compute the same again."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ PLANS = {"test_stud_welding_study", "test_cycle", "test_timing_schedule", "test_
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Groups of those modules, first of all: the short tests fill up the other worker."""
+    """Groups of modules with fixtures of their own; the longest first, so that no worker idles."""
     for item in items:
-        if item.path.stem in PLANS:
+        given = getattr(item, "_fixtureinfo").name2fixturedefs  # noqa: B009 (no public name)
+        if any(d.scope == "module" for definitions in given.values() for d in definitions):
             item.add_marker(pytest.mark.xdist_group(item.path.stem))
-    items.sort(key=lambda item: item.path.stem not in PLANS)
+    items.sort(key=lambda item: (item.path.stem not in PLANS, "regression" not in item.path.parts))
