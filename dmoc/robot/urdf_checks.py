@@ -30,7 +30,7 @@ _WORDS: dict[str, tuple[str, str]] = {
     "robot": ("link* joint* material* transmission* gazebo*", "name version xmlns"),
     "link": ("inertial visual* collision*", "name type"),
     "inertial": ("origin mass inertia", ""),
-    "visual": ("origin geometry material", "name"),
+    "visual": ("origin geometry material*", "name"),
     "collision": ("origin geometry", "name"),
     "geometry": ("box cylinder sphere mesh", ""),
     "joint": (
@@ -287,6 +287,7 @@ def _limits(
         size = values[most_of]
         if not (0 < size <= largest or (key in given and size == 0) or np.isnan(size)):
             legal, fix = f"> 0, at most {largest:g}", f"{fix}, or {key} in robot.yaml"
+            fix += ", or estimate: dmoc init --total-mass KG" if most_of == "effort" else ""
             faults.add(f"limit-{most_of}", limit, f"{size:g}", legal, fix, f"{field}.{most_of}")
     return lower, upper, values["velocity"], values["effort"]
 
