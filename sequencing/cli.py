@@ -155,6 +155,9 @@ def init(
     package_path: Annotated[
         list[Path] | None, typer.Option(help="Folder with the robot's ROS packages (repeatable).")
     ] = None,
+    xacro_arg: Annotated[
+        list[str] | None, typer.Option(help="NAME:=VALUE of a xacro file (repeatable).")
+    ] = None,
     total_mass: Annotated[
         float | None, typer.Option(help="Arm's mass in kg: estimate masses, torques, rotors.")
     ] = None,
@@ -162,7 +165,9 @@ def init(
     """Write a commented station.yaml from a robot, a part and studs."""
     from sequencing.commands.check import run_init
 
-    return run_init(console, urdf, part, studs, out, unit, package_path or [], total_mass)
+    return run_init(
+        console, urdf, part, studs, out, unit, package_path or [], total_mass, xacro_arg or []
+    )
 
 
 @command

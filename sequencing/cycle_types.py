@@ -111,6 +111,8 @@ class Search:
     drawn at random and that the estimate was not fitted to: with `coverage_percent` per cent
     probability another edge drawn at random costs more than its factor × its estimate.
 
+    With `pruning` the bound and the gaps speak of the poses that were kept.
+
     Of `edges_evaluated` edges `edges_training` fitted the estimate, `edges_held_out` only judged
     it, and the rest were asked for by the search.
     """
@@ -128,6 +130,20 @@ class Search:
     conditional_gap_percent: float
     stopped_by: str
     rounds: tuple[dict[str, Any], ...]
+    pruning: Pruning | None = None
+
+
+@dataclass(frozen=True)
+class Pruning:
+    """Of `poses` that weld the studs `kept` were planned with; `full_turns` of the others differ
+    from a kept one by full turns only. By a price of straight lines no cycle through the others is
+    cheaper by more than `may_cost_percent` (`sequencing.edges.pruned`).
+    """
+
+    poses: int
+    kept: int
+    full_turns: int
+    may_cost_percent: float | None
 
 
 @dataclass(frozen=True)

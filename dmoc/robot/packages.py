@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from dmoc.errors import DmocError, RobotError
@@ -97,8 +97,8 @@ def _name_of(folder: Path) -> str:
     return "" if element is None else element.text.strip()
 
 
-def expanded(path: Path, packages: Packages) -> str:
-    """The URDF text of a xacro file; `RobotError` for what goes wrong in it."""
+def expanded(path: Path, packages: Packages, arguments: Mapping[str, object]) -> str:
+    """The URDF text of a xacro file with `arguments`; `RobotError` for what goes wrong in it."""
     import xacro
     from xacro import substitution_args
 
@@ -112,7 +112,8 @@ def expanded(path: Path, packages: Packages) -> str:
     substitution_args._eval_find = substitution_args._eval_dict["find"] = find
     try:
         with contextlib.redirect_stderr(io.StringIO()):
-            return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
+            texts = {name: str(value) for name, value in arguments.items()}
+            return str(xacro.process_file(str(path), mappings=texts).toprettyxml(indent="  "))
     # A xacro file is a programme: what goes wrong in it is an error of any kind.
     except Exception as error:
         text = " ".join(str(error).split())[:200]
@@ -120,8 +121,9 @@ def expanded(path: Path, packages: Packages) -> str:
             "urdf-xacro",
             str(path),
             value=f"{type(error).__name__}: {text}",
-            legal="a xacro file that expands without arguments",
-            fix="mend it, or say where its packages lie: --package-path FOLDER",
+            legal="a xacro file that expands with its arguments",
+            fix="mend it, give its arguments: --xacro-arg NAME:=VALUE, or say where its packages "
+            "lie: --package-path FOLDER",
         ) from error
     finally:
         substitution_args._eval_find = substitution_args._eval_dict["find"] = kept

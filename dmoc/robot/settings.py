@@ -39,6 +39,7 @@ _KNOWN = {
     "locked",
     "inertials",
     "use_visual_shapes",
+    "xacro_arguments",
 }
 _TAGS = "measured | published: SOURCE | assumed"
 

@@ -31,7 +31,7 @@ from dmoc.robot.xml_file import Element, read_xml
 _MOST_MOVING = 32
 _MOST_LINKS = 500
 #: Links that carry a tool by custom, in this order, where several end the arm.
-_FLANGES = ("tool0", "flange", "tool_flange", "ee_link")
+_FLANGES = ("tool0", "flange", "tool_flange", "ee_link", "tool_frame", "end_effector_link")
 
 
 def read_urdf(
@@ -42,13 +42,18 @@ def read_urdf(
 ) -> Description:
     """The robot at `path` (URDF, or xacro by the ending .xacro) as numbers.
 
-    `settings` is robot.yaml as read: `flange`, `locked`, `use_visual_shapes`, and which limits it
-    gives; its `inertials` count instead of the file's. With `massless` no link needs a mass.
+    `settings` is robot.yaml as read: `flange`, `locked`, `use_visual_shapes`, `xacro_arguments`,
+    and which limits it gives; its `inertials` count instead of the file's. With `massless` no link
+    needs a mass.
     Errors: `RobotError` with all faults: XML, names, words, tree (one root), numbers, units,
     limits, axes, masses and inertias, shapes, mesh files and their places.
     """
     packages = Packages(path, package_path)
-    text = expanded(path, packages) if path.suffix.lower() == ".xacro" else None
+    xacro, arguments = path.suffix.lower() == ".xacro", settings.get("xacro_arguments", {})
+    if not isinstance(arguments, dict):
+        value, legal = str(arguments), "a mapping of names to values"
+        raise RobotError.of("robot-value", str(path), "xacro_arguments", value, legal)
+    text = expanded(path, packages, arguments) if xacro else None
     root = read_xml(path, text)
     faults = Faults(str(path))
     if root.tag != "robot":

@@ -30,7 +30,7 @@ _WORDS: dict[str, tuple[str, str]] = {
     "robot": ("link* joint* material* transmission* gazebo*", "name version xmlns"),
     "link": ("inertial visual* collision*", "name type"),
     "inertial": ("origin mass inertia", ""),
-    "visual": ("origin geometry material", "name"),
+    "visual": ("origin geometry material*", "name"),
     "collision": ("origin geometry", "name"),
     "geometry": ("box cylinder sphere mesh", ""),
     "joint": (
@@ -285,6 +285,7 @@ def _limits(
         unsaid = size == 0 and (key in given or most_of == "effort")
         if not (0 < size <= largest or unsaid or np.isnan(size)):
             legal, fix = f"> 0, at most {largest:g}", f"{fix}, or {key} in robot.yaml"
+            fix += ", or estimate: dmoc init --total-mass KG" if most_of == "effort" else ""
             faults.add(f"limit-{most_of}", limit, f"{size:g}", legal, fix, f"{field}.{most_of}")
     return lower, upper, values["velocity"], values["effort"]
 

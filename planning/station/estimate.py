@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,10 @@ MOTOR_RAD_S, ROTOR_S2 = 314.0, 1e-4
 
 
 def estimated_settings(
-    urdf: Path, total_mass_kg: float, package_path: Sequence[str | Path] = ()
+    urdf: Path,
+    total_mass_kg: float,
+    package_path: Sequence[str | Path] = (),
+    settings: Mapping[str, Any] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Entries for robot.yaml that the robot file itself does not give.
 
@@ -31,7 +35,7 @@ def estimated_settings(
     if not 0.1 <= total_mass_kg <= 10_000:
         legal, fix = "0.1 to 10000 kg", "give the arm's mass of its data sheet"
         raise RobotError.of("total-mass", "", "total_mass", f"{total_mass_kg:g}", legal, fix)
-    given = read_settings(urdf).data
+    given = {**settings, **read_settings(urdf).data}
     own = {"inertials", "torque_limit_nm", "acceleration_limit_rad_s2", "armature_kg_m2"}
     if twice := ", ".join(sorted((own | {"provenance"}) & given.keys())):
         file, fix = str(urdf.with_name("robot.yaml")), "take it out, or leave --total-mass out"

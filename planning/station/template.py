@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
 import yaml
 
 from dmoc.errors import DmocError, Fault, InputError
@@ -28,12 +30,14 @@ def init_station(
     unit: str = "m",
     package_path: Sequence[str | Path] = (),
     total_mass_kg: float | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
 ) -> Path:
     """Write `out`/station.yaml with its inputs copied beside it, and return its path.
 
     `urdf` may be a xacro file, or the name of a robot of the package; its meshes are copied from
     where the packages lie (`package_path` and the usual places). `unit` is the part's mesh unit.
-    With `total_mass_kg` the dynamics are estimated (`station.estimate`) into its robot.yaml.
+    A xacro file is expanded with `xacro_arguments`. With `total_mass_kg` the dynamics are
+    estimated (`station.estimate`) into its robot.yaml.
     Errors: `InputError`, `RobotError`, `MeshError` for inputs that cannot be used; nothing is
     written then. An existing station.yaml is never overwritten.
     """
@@ -55,10 +59,11 @@ def init_station(
         )
     robot: Robot | None = None
     estimate: dict[str, Any] = {}
+    expand = {"xacro_arguments": dict(xacro_arguments)} if xacro_arguments else {}
     try:
         if total_mass_kg is not None:
-            estimate = estimated_settings(Path(urdf), total_mass_kg, package_path)
-        robot = load_robot(urdf, package_path, estimate)
+            estimate = estimated_settings(Path(urdf), total_mass_kg, package_path, expand)
+        robot = load_robot(urdf, package_path, {**expand, **estimate})
         check_link_meshes(robot)
     except DmocError as error:
         faults += error.faults
@@ -83,12 +88,33 @@ def init_station(
         part=part.name,
         unit=unit,
         count=robot.num_joints,
+        **_tool_places(robot),
         body="part" if part.stem in _links(robot) or not part.stem.isidentifier() else part.stem,
     )
     target = folder / "station.yaml"
     target.write_text(text, encoding="utf-8", newline="\n")
     load_station(target)
     return target
+
+
+def _tool_places(robot: Robot) -> dict[str, str]:
+    """Middle and end of a tool of 0.1 m along the last axis, away from the arm, and its turn.
+
+    Most flanges have their Z there; of some robot files the last link's X points out.
+    """
+    frame, description = robot.model.frames[robot.flange_id], robot.description
+    joint, last = description.joints[description.chain[-1]], robot.model.jointPlacements[-1]
+    turn, ahead = frame.placement.rotation.T, np.array([0.0, 0.0, 1.0])
+    axis = turn @ np.array(joint.axis)
+    along = axis @ turn @ (last.rotation.T @ last.translation + frame.placement.translation)
+    if joint.kind == "revolute" and abs(axis[2]) < 0.1 and abs(along) > 1e-6:
+        ahead = axis * np.sign(along)
+    turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), ahead).coeffs()
+    rows = {"half": 0.05 * ahead, "end": 0.1 * ahead, "turn": turned}
+    return {
+        name: "[" + ", ".join(f"{x:.9g}" for x in row.round(12) + 0.0) + "]"
+        for name, row in rows.items()
+    }
 
 
 def _links(robot: Robot) -> set[str]:
@@ -146,12 +172,15 @@ tool:
   # The tool in the flange frame: shapes, or mesh: FILE with unit: m|mm. The body that meets the
   # part at a weld says touches: true. Inertia is about the centre of mass.
   shapes:
-    - {{name: tool_tip, cylinder_m: [0.02, 0.1], pose: {{position_m: [0, 0, 0.05]}}, touches: true}}
+    - name: tool_tip
+      cylinder_m: [0.02, 0.1]
+      pose: {{position_m: {half}, quaternion_xyzw: {turn}}}
+      touches: true
   mass_kg: 0
   com_m: [0, 0, 0]
   inertia_kg_m2: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]
   # The tip's +Z points into the part.
-  tip: {{position_m: [0, 0, 0.1], quaternion_xyzw: [0, 0, 0, 1]}}
+  tip: {{position_m: {end}, quaternion_xyzw: {turn}}}
 
 payload_kg: 0
 

@@ -19,7 +19,7 @@ from planning.geometry.shapes import Body
 from planning.station.build import load_station
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives, demanded_clearance_m
-from planning.welds.poses import StudAlternatives, weld_line
+from planning.welds.poses import MOST_POSES, StudAlternatives, weld_line
 
 #: Engines that differ by more disagree [m].
 DISAGREEMENT_M = 1e-3
@@ -227,7 +227,8 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
                 ),
             }
         )
-    doubts = [*station_warnings(station), *_always(station, world)]
+    count = sum(row["alternatives"] for row in rows)
+    doubts = [*station_warnings(station), *_always(station, world), *_many(station, count)]
     opinions = second_opinions(station, studs) if engines else []
     doubts += [
         _disagreement(station, opinion)
@@ -239,7 +240,7 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
         "robot": station.robot.name,
         "flange": station.robot.flange,
         "clearance_m": station.clearance_m,
-        "configurations": sum(row["alternatives"] for row in rows),
+        "configurations": count,
         "studs": rows,
         "errors": [],
         "warnings": [fault.to_dict() for fault in doubts],
@@ -312,6 +313,21 @@ def _always(station: Station, world: CollisionWorld) -> Iterator[Fault]:
             f"(down to {1e3 * gap:.0f} mm)",
             "pairs that some pose keeps apart",
             f"write - [{first}, {second}] if they cannot really meet",
+        )
+
+
+def _many(station: Station, poses: int) -> Iterator[Fault]:
+    if poses > MOST_POSES:
+        robot = station.robot
+        room = robot.q_upper_rad - robot.q_lower_rad >= 2 * np.pi
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(room)) or "none"
+        yield Fault(
+            "poses-many",
+            str(station.source),
+            "q_lower_rad, q_upper_rad, spin_steps",
+            f"{poses} poses; joints with room for full turns: {joints}",
+            f"<= {MOST_POSES}: of more, plan and place choose and say what that may cost",
+            "give those joints narrower limits in the robot's block, or fewer spin_steps",
         )
 
 

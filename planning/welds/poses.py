@@ -19,6 +19,9 @@ from planning.collision.departure_line import DepartureLine
 from planning.station.station import Station
 from planning.station.studs import Stud
 
+#: Poses of a station that are planned with: of more, `sequencing.edges.pruned` chooses.
+MOST_POSES = 480
+
 
 @dataclass(frozen=True, eq=False)
 class Alternative(StaysReadonly):

@@ -48,10 +48,12 @@ def run_init(
     unit: str,
     package_path: list[Path],
     total_mass_kg: float | None,
+    xacro_arg: list[str],
 ) -> CommandResult:
     """Write station.yaml with its inputs copied beside it."""
     folder = Path("station") if out is None else out
-    path = init_station(urdf, part, studs, folder, unit, package_path, total_mass_kg)
+    arguments = {name: value for name, _, value in (text.partition(":=") for text in xacro_arg)}
+    path = init_station(urdf, part, studs, folder, unit, package_path, total_mass_kg, arguments)
     robot = load_station(path).robot
     doubts = robot.description.warnings
     for doubt in doubts:

@@ -25,6 +25,7 @@ from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
 from sequencing.edges.estimates import straight_line
 from sequencing.edges.nodes import StationNodes, station_nodes
+from sequencing.edges.pruned import pruned
 from sequencing.gtsp.portfolio import solve
 
 
@@ -139,7 +140,8 @@ def judge_place(station: Station, place: Place, *, seed: int = 0) -> Placement:
     found = alternatives(moved, world, seed)
     missing = tuple(item.stud.id for item in found if not item.alternatives)
     counts = [len(item.alternatives) for item in found]
-    cost = np.inf if missing else _estimated_cost(moved, station_nodes(moved, found), seed)
+    kept = pruned(moved, found, price=False)[0]
+    cost = np.inf if missing else _estimated_cost(moved, station_nodes(moved, kept), seed)
     return Placement(place, missing, sum(counts), min(counts), cost)
 
 

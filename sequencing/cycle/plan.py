@@ -38,6 +38,7 @@ from sequencing.cycle_types import (
 )
 from sequencing.edges.nodes import HOME, StationNodes, station_nodes
 from sequencing.edges.oracle import EdgeEvent, StationEdges
+from sequencing.edges.pruned import pruned
 from sequencing.edges.store import EdgeStore
 from sequencing.gtsp.problem import Tour
 
@@ -150,7 +151,8 @@ def plan_station(
     unreachable = tuple(
         (item.stud.id, reason_text(item)) for item in found if not item.alternatives
     )
-    nodes = station_nodes(station, found)
+    kept, pruning = pruned(station, found)
+    nodes = station_nodes(station, kept)
     if not nodes.studs:
         raise NoCycle(dict(unreachable))
 
@@ -171,7 +173,7 @@ def plan_station(
     factors, coverage = oracle.floor_factors(0.01)
     looks = MotionLooks(station)
     best, result = _best_cycle(oracle, looks, settings, factors, seed, tell)
-    search = _search(oracle, best, result, (factors, coverage))
+    search = replace(_search(oracle, best, result, (factors, coverage)), pruning=pruning)
     tell(PlanEvent("baseline", best=best.tour.cost, gap=search.conditional_gap_percent / 100))
     old = time_based_sequences(oracle, settings.baseline_draws, seed)
     quick = time_based_sequences(oracle, 1, seed, accelerating=True) if old else ()

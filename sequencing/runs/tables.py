@@ -121,6 +121,14 @@ def gaps(search: Mapping[str, Any]) -> str:
             f"{number(search['coverage_percent'])} %: so many of the edges drawn at random cost "
             f"more, judged by {search['edges_held_out']} edges that the estimate was not fitted to."
         )
+    if pruning := search.get("pruning"):  # older runs do not have it
+        text += (
+            f" Of {pruning['poses']} poses {pruning['kept']} were planned with "
+            f"({pruning['full_turns']} of the others are full turns away): by the price of "
+            "straight lines a cycle through the others is at most "
+            f"{number(pruning['may_cost_percent'])} % cheaper. "
+            "Narrower q_lower_rad and q_upper_rad, or fewer spin_steps, leave fewer."
+        )
     return text
 
 

@@ -308,9 +308,10 @@ def test_a_xacro_file_is_expanded(tmp_path):
     path.write_text(
         '<robot name="arm" xmlns:xacro="http://wiki.ros.org/xacro">'
         '<xacro:include filename="$(find arm_support)/urdf/macro.xacro"/>'
-        '<xacro:arm weight="14"/></robot>'
+        '<xacro:arg name="kg" default="1"/><xacro:arm weight="$(arg kg)"/></robot>'
     )
-    assert load_robot(path) == load_robot(write(tmp_path))
+    given = load_robot(path, settings={"xacro_arguments": {"kg": 14}})
+    assert given == load_robot(write(tmp_path)) != load_robot(path)
     path.write_text(path.read_text().replace("arm_support", "no_support"))
     (fault,) = refused(path, "urdf-xacro")
     assert "no_support" in fault.value

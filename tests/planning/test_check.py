@@ -24,12 +24,12 @@ def warnings(folder, text=PLAIN, studs=STUDS):
         assert doubt["value"]
         assert doubt["legal"]
         assert doubt["fix"]
-    return {doubt["code"] for doubt in found}
+    return {doubt["code"] for doubt in found} - {"poses-many"}  # two turns a joint
 
 
 def test_a_sound_station_has_no_warnings(tmp_path):
     data = checked(tmp_path)
-    assert data["warnings"] == []
+    assert [doubt["code"] for doubt in data["warnings"]] == ["poses-many"]
     assert data["errors"] == []
     assert all(row["alternatives"] > 0 and row["reason"] == "" for row in data["studs"])
 
@@ -77,7 +77,7 @@ def test_the_other_engines_agree_or_are_named(tmp_path, monkeypatch):
         assert row["configurations"] > 60
         assert row["largest_m"] < 1e-3
         assert row["above_1_mm"] == row["touching"] == 0
-    assert data["warnings"] == []
+    assert {doubt["code"] for doubt in data["warnings"]} <= {"poses-many"}
     # An engine that is 2 mm off is reported, with the pair.
     true = CoalEngine.distance
 
@@ -92,8 +92,9 @@ def test_the_other_engines_agree_or_are_named(tmp_path, monkeypatch):
     assert coal["above_1_mm"] > 0
     assert all(coal["worst"]["pair"])
     assert fcl["above_1_mm"] == 0
-    assert [doubt["code"] for doubt in data["warnings"]] == ["engines-disagree"]
-    assert "coal differs by up to 2.00 mm" in data["warnings"][0]["value"]
+    (doubt,) = (d for d in data["warnings"] if d["code"] != "poses-many")
+    assert doubt["code"] == "engines-disagree"
+    assert "coal differs by up to 2.00 mm" in doubt["value"]
 
 
 def test_a_load_that_the_drives_cannot_hold(tmp_path):
