@@ -37,6 +37,10 @@ _KNOWN = {
     "locked",
     "inertials",
     "use_visual_shapes",
+    "springs",
+    "motor_from_joint",
+    "torque_offset_nm",
+    "identified",
 }
 _TAGS = "measured | published: SOURCE | assumed"
 
