@@ -7,13 +7,17 @@ its own are no bodies. Both logs are read in place.
 
 from __future__ import annotations
 
+import re
+import time
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
+from dmoc.identification.identify import Identification, IdentificationProblem, identify
 from dmoc.identification.samples import MotionLog
 from dmoc.identification.terms import GasSpring
+from dmoc.robot.robot import Robot, load_robot
 
 # d, a [m], alpha, offset [°] of the standard Denavit-Hartenberg frames; the base is turned about x.
 _DH = (
@@ -101,9 +105,10 @@ def write_kr300(folder: Path, bodies: list[pin.Inertia], places: list[pin.SE3]) 
         tensor += f'iyz="{t[1, 2]!r}" izz="{t[2, 2]!r}"'
         mass = f'<mass value="{body.mass!r}"/><inertia {tensor}/>'.replace("np.float64(", "")
         com = origin(pin.SE3(np.eye(3), body.lever))
+        above = f"link_{k - 1}" if k > 1 else "base"
         rows += [
             f'<link name="link_{k}"><inertial>{com}{mass.replace(")", "")}</inertial></link>',
-            f'<joint name="joint_{k}" type="revolute"><parent link="{f"link_{k - 1}" if k > 1 else "base"}"/>'
+            f'<joint name="joint_{k}" type="revolute"><parent link="{above}"/>'
             f'<child link="link_{k}"/>{origin(here)}<axis xyz="0 0 1"/>'
             '<limit lower="-6.2" upper="6.2" velocity="2.0" effort="9000"/></joint>',
         ]
@@ -120,8 +125,9 @@ def write_kr300(folder: Path, bodies: list[pin.Inertia], places: list[pin.SE3]) 
     (folder / "robot.yaml").write_text(
         f"name: kr300\nflange: flange\narmature_kg_m2: [{armature}]\n"
         f"drive: {{class: heavy, gear_ratio: [{gears}]}}\n"
-        f"springs:\n  - {{joint: joint_2, kind: gas, anchors_m: [0.8, 0.2], zero_rad: {s.zero_rad!r}, "
-        f"area_m2: {s.area_m2!r}, volume_m3: {s.volume_m3!r}, gas_j: {s.gas_j!r}, scale: 1.0}}\n"
+        f"springs:\n  - {{joint: joint_2, kind: gas, anchors_m: [0.8, 0.2], "
+        f"zero_rad: {s.zero_rad!r}, area_m2: {s.area_m2!r}, volume_m3: {s.volume_m3!r}, "
+        f"gas_j: {s.gas_j!r}, scale: 1.0}}\n"
     )
     return folder / "kr300.urdf"
 
@@ -132,3 +138,127 @@ def kr300_log(path: Path) -> MotionLog:
     q = np.column_stack([data[f"actual_q_{j}"] for j in range(6)])
     tau = np.column_stack([data[f"motor_torque_{j}"] for j in range(6)]) * GEARS
     return MotionLog(path.stem, data["timestamp"], q, tau)
+
+
+TX40_FROM_JOINT = np.diag([32.0, 32.0, 45.0, -48.0, 45.0, 32.0])
+TX40_FROM_JOINT[5, 4] = 32.0
+
+
+def tx40(folder: Path, data: Path) -> tuple[Robot, MotionLog]:
+    """The TX40 with solid spheres of its masses, and its log in joint coordinates."""
+    text = (data / "tx40_mdh_modified.urdf").read_text()
+
+    def sphere(found: re.Match[str]) -> str:
+        mass = float(found.group(2))
+        moment = 0.4 * mass * (mass / 2700.0 * 3 / (4 * np.pi)) ** (2 / 3)
+        tensor = f'ixx="{moment}" ixy="0" ixz="0" iyy="{moment}" iyz="0" izz="{moment}"'
+        return f"{found.group(1)}<inertia {tensor}/>"
+
+    text = re.sub(r'(<mass value="([0-9.]+)"/>.*?)<inertia [^>]*/>', sphere, text, flags=re.S)
+    text = re.sub(r"<(visual|collision)>.*?</\1>", "", text, flags=re.S)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "tx40.urdf").write_text(text)
+    table = np.genfromtxt(data / "run.csv", delimiter=",", names=True)
+    motor = np.column_stack([table[f"motor_q_{j}"] for j in range(6)])
+    torque = np.column_stack([table[f"motor_torque_{j}"] for j in range(6)])
+    zero = np.array([0.0, -np.pi / 2, np.pi / 2, 0.0, 0.0, 0.0])
+    q = np.linalg.solve(TX40_FROM_JOINT, motor.T).T + zero
+    log = MotionLog("tx40", table["timestamp"], q, torque @ TX40_FROM_JOINT)
+    return load_robot(folder / "tx40.urdf"), log
+
+
+def _row(test: str, goal: str, got: str) -> None:
+    print(f"| {test} | {goal} | {got} |", flush=True)
+
+
+def _figures(fit: Identification) -> tuple[float, float, float]:
+    scores = fit.scores
+    worst = max(max(s.rel_percent) for s in scores)
+    energy = max(abs(s.energy_percent) for s in scores)
+    return float(np.mean([s.mean_percent for s in scores])), worst, energy
+
+
+def _part(log: MotionLog, start_s: float, end_s: float) -> MotionLog:
+    keep = (log.t_s >= start_s) & (log.t_s < end_s)
+    name = f"{log.name} {start_s}-{end_s} s"
+    return MotionLog(name, log.t_s[keep], log.q_rad[keep], log.torque_nm[keep])
+
+
+def kr300_faults(log: MotionLog) -> dict[str, MotionLog]:
+    """The log with each of the eight mistakes put in."""
+    q, tau = log.q_rad, log.torque_nm
+    turned = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
+    first = np.array([-1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    home = np.array([0.0, -np.pi / 2, np.pi / 2, 0.0, 0.0, 0.0])
+    gear = np.array([1.0, 1.2, 1.0, 1.0, 1.0, 1.0])
+    bent = np.array([0.0, np.radians(3.0), 0.0, 0.0, 0.0, 0.0])
+    made = {
+        "home offset forgotten": (q - home, tau),
+        "axis 3 reversed": (q * turned, tau * turned),
+        "sign of torque 3": (q, tau * turned),
+        "sign of torque 1": (q, tau * first),
+        "gear ratio of axis 2 x 1.2": (q, tau * gear),
+        "joint 2 off by 3°": (q + bent, tau),
+        "gravity reversed": (q, tau),
+        "torque 40 ms late": (q, np.vstack([np.repeat(tau[:1], 10, 0), tau[:-10]])),
+    }
+    return {k: MotionLog(f"{log.name}: {k}", log.t_s, a, b) for k, (a, b) in made.items()}
+
+
+def main(data: Path, work: Path) -> None:
+    """Print the table of goals; `data` holds kr300/ and tx40/, `work` takes the robots' files."""
+    print("| test | goal | measured |\n|---|---|---|")
+    places, bodies = kr300_bodies()
+    robot = load_robot(write_kr300(work / "kr300", bodies, places))
+    a, b = (kr300_log(data / "kr300" / f"{name}.csv") for name in "AB")
+    springs = (KR300_SPRING,)
+    held = data / "kr300" / "C.csv"
+    pairs = [((a,), (b,)), ((b,), (a,))]
+    if held.is_file():
+        c = kr300_log(held)
+        pairs = [((a, b), (c,)), ((a, c), (b,)), ((b, c), (a,))]
+    rng = np.random.default_rng(0)
+    wrong = [pin.Inertia(body) for body in bodies]
+    for body, factor in zip(wrong, rng.uniform(0.6, 1.4, 6)):
+        body.inertia, body.mass = body.inertia * factor, body.mass * factor
+    guesses = {"maker's bodies": bodies, "prior ± 40 %": wrong, "guessed spheres": spheres(places)}
+    for k, (name, guess) in enumerate(guesses.items()):
+        model = load_robot(write_kr300(work / f"kr300_{k}", guess, places))
+        for train, test in pairs:
+            fit = identify(IdentificationProblem(model, train, test, springs))
+            mean, worst, energy = _figures(fit)
+            score = fit.scores[0]
+            what = f"KR 300 {'+'.join(log.name for log in train)} → {score.name}, {name}"
+            got = f"{mean:.1f} / {worst:.1f} %, E+ {score.energy_percent:+.1f} % (assumed class "
+            _row(what, "≤ 11 / 18 %, 3 %", got + f"{score.assumed_energy_percent:+.0f} %)")
+    start = time.process_time()
+    fit = identify(IdentificationProblem(robot, (a, b), (), springs))
+    _row("20 s at 250 Hz, CPU", "≤ 3 s", f"{time.process_time() - start:.1f} s, {fit.status}")
+    scale = float(fit.named("springs")[0])
+    _row("spring scale from A+B", "0.9–1.1", f"{scale:.3f}")
+    arm, log = tx40(work / "tx40", data / "tx40")
+    end = float(log.t_s[-1])
+    cut = 4.6 if end > 5 else 3.4
+    parts = ((_part(log, 0.0, cut),), (_part(log, cut, min(end, 7.4)),))
+    problem = IdentificationProblem(arm, *parts, motor_from_joint=TX40_FROM_JOINT, cutoff_hz=20.0)
+    mean, worst, energy = _figures(identify(problem))
+    _row(f"TX40, t < {cut} s → the rest", "≤ 15.5 %, 5 %", f"{mean:.1f} %, E+ {energy:.1f} %")
+    for name in kr300_faults(a):
+        logs = tuple(kr300_faults(log)[name] for log in (a, b))
+        model = robot
+        if name == "gravity reversed":
+            upside = load_robot(write_kr300(work / "kr300", bodies, places))
+            upside.model.gravity.linear = -upside.model.gravity.linear
+            model = upside
+        fit = identify(IdentificationProblem(model, logs, (), springs))
+        found = "; ".join(f"{f.code} {f.field}" for f in fit.faults) or "; ".join(
+            f"{f.code} {f.field}" for f in fit.warnings
+        )
+        _row(f"fault: {name}", "named, or not identifiable", f"{fit.status}: {found}")
+
+
+if __name__ == "__main__":
+    import sys
+    import tempfile
+
+    main(Path(sys.argv[1]), Path(tempfile.mkdtemp()))

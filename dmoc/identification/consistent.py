@@ -64,6 +64,7 @@ def _coordinates(j: Array) -> Array:
 
 def _body(x: Array) -> tuple[Array, Array]:
     """J (4, 4) of ten coordinates and its derivatives (10, 4, 4)."""
+    x = np.concatenate([np.clip(x[:4], -40.0, 40.0), x[4:]])  # a wild step must stay a number
     scale = np.exp(x[0])
     u = np.eye(4)
     u[[0, 1, 2], [0, 1, 2]] = np.exp(x[1:4])
@@ -157,6 +158,7 @@ def fit_consistent(
     start: Array,
     weight: float,
     memory: Array,
+    most: int = 200,
 ) -> ConsistentFit:
     """Least squares of the whitened rows + weight ‖L⁻¹(J − J₀)L⁻ᵀ‖² over possible bodies.
 
@@ -210,7 +212,7 @@ def fit_consistent(
         ftol=1e-9,
         xtol=1e-10,
         gtol=1e-10,
-        max_nfev=200,
+        max_nfev=most,
     )
     parameters = unpack(found.x)[0]
     wide, _ = data.weighted(sigma * np.sqrt(memory))

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicSpline
 
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError, ProblemError
 from dmoc.identification.consistent import (
     Compressed,
+    ConsistentFit,
     fit_consistent,
     friction_first,
     link_numbers,
@@ -119,7 +120,8 @@ class RunScore:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What the logs say. `status` is `identified`, `poor` (what to drive is in `faults`) or `faulty`.
+    """What the logs say. `status` is `identified`, `poor` (`warnings` say what to drive)
+    or `faulty`.
 
     `parameters` and `std` (size,) follow `layout`; `scores` are of held-out runs, or of the fitted
     ones where none was held out (`held_out` says which). `covered` has the largest |q̇|, |q̈| and
@@ -246,7 +248,7 @@ def score(result: Identification, run: Samples) -> RunScore:
         for torque in (predicted, result.layout.regressor(run) @ assumed)
     ]
     seconds = len(tau) * run.step_s
-    return RunScore(run.name, seconds, tuple(rel), tuple(miss), true, off[0], off[1])
+    return RunScore(run.name, seconds, tuple(rel.tolist()), tuple(miss.tolist()), true, *off)
 
 
 def _load(problem: IdentificationProblem) -> Array:
@@ -266,11 +268,16 @@ def _data(
 
 
 def _fit(
-    problem: IdentificationProblem, layout: Layout, data: Compressed, sigma: Array, prior: Array
-) -> Any:
+    problem: IdentificationProblem,
+    layout: Layout,
+    data: Compressed,
+    sigma: Array,
+    prior: Array,
+    most: int = 200,
+) -> ConsistentFit:
     start = friction_first(data, sigma, layout, prior)
     memory = np.ones(layout.num_joints)
-    return fit_consistent(data, sigma, layout, prior, start, problem.weight, memory)
+    return fit_consistent(data, sigma, layout, prior, start, problem.weight, memory, most)
 
 
 def _misfit(data: Compressed, parameters: Array, sigma: Array) -> float:
@@ -299,23 +306,23 @@ def _delay(
     still: tuple[Fault, ...],
 ) -> tuple[float, list[Samples], tuple[Fault, ...]]:
     """The shift of the torque that fits best; a small one is put right, a large one is a fault."""
-    if len(still) > 0:
-        return 0.0, raw, ()
     moving = np.vstack([run.moving for run in raw])
+    if len(still) > 0 or moving.sum(axis=0).min() < 3 * problem.layout.size:
+        return 0.0, raw, ()  # too few samples to tell a shift from freedom
     whole = np.concatenate(matrices)
     bases = []
     for j in range(moving.shape[1]):
         q, r = np.linalg.qr(whole[moving[:, j] > 0, j])
         bases.append(q[:, np.abs(np.diag(r)) > 1e-9 * np.abs(r).max()])
-    shifted, misfits = [], []
+    misfits = []
+    stamps = [run.step_s * np.arange(len(run.torque_nm)) for run in raw]
+    curves = [CubicSpline(t, run.torque_nm) for t, run in zip(stamps, raw)]
     for shift in _SHIFTS_S:
-        runs = [samples_of(log, problem.cutoff_hz, shift) for log in problem.logs]
-        tau = np.vstack([run.torque_nm for run in runs])
+        tau = np.vstack([c(np.clip(t + shift, t[0], t[-1])) for c, t in zip(curves, stamps)])
         total = []
         for j, base in enumerate(bases):
             own = tau[moving[:, j] > 0, j]
             total.append(np.sum(own**2) - np.sum((base.T @ own) ** 2))
-        shifted.append(runs)
         misfits.append(total)
     table = np.array(misfits)
     here = int(np.argmin(np.abs(_SHIFTS_S)))
@@ -325,7 +332,7 @@ def _delay(
     if share[best] > 0.95:
         return 0.0, raw, ()
     if abs(shift) <= _MOST_SHIFT_S:
-        return shift, shifted[best], ()
+        return shift, [samples_of(log, problem.cutoff_hz, shift) for log in problem.logs], ()
     value = f"the torque fits best {1e3 * abs(shift):.0f} ms {'earlier' if shift > 0 else 'later'}"
     legal = f"at most {1e3 * _MOST_SHIFT_S:.0f} ms between position and torque"
     fix = "log both in one cycle, or filter both by the same filter"
@@ -372,7 +379,7 @@ def _cause(
         layout = replace(problem.layout, model=case.model(problem.robot.model))
         changed = [case.samples(run) for run in runs]
         data, _ = _data(problem, changed, [layout.regressor(run) for run in changed])
-        return _misfit(data, _fit(problem, layout, data, sigma, prior).parameters, sigma)
+        return _misfit(data, _fit(problem, layout, data, sigma, prior, 15).parameters, sigma)
 
     names = tuple(problem.robot.model.names)[1:]
     cases = hypotheses(names)

@@ -1,4 +1,4 @@
-"""From a log to samples that a regressor may use: one zero-phase filter for positions and torques."""
+"""From a log to samples that a regressor may use: one filter for positions and torques."""
 
 from __future__ import annotations
 

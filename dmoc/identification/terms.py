@@ -2,9 +2,9 @@
 
     tau = Y_rb(q, qd, qdd) pi + J qdd + f_c sgn(qd) + f_v qd + o + wrist coupling + s h(q)
 
-`pi` has ten numbers a link in pinocchio's order (m, m c, I about the joint's frame: xx xy yy xz yz
-zz). A motor whose speed depends on several joints (a row r of `motor_from_joint`, scaled to 1 at its
-own joint) adds inertia and friction in r qd, which act on all of these joints.
+`pi` has ten numbers a link in pinocchio's order (m, m c, I about the joint's frame: xx xy yy xz
+yz zz). A motor whose speed depends on several joints (a row r of `motor_from_joint`, scaled to 1 at
+its own joint) adds inertia and friction in r qd, which act on all of these joints.
 """
 
 from __future__ import annotations

@@ -39,6 +39,7 @@ _KNOWN = {
     "use_visual_shapes",
     "springs",
     "motor_from_joint",
+    "motor_zero_rad",
     "torque_offset_nm",
     "identified",
 }
