@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
@@ -134,7 +135,7 @@ class Identification:
     parameters: Array
     std: Array
     prior: Array
-    measured: Array
+    measured: npt.NDArray[np.bool_]
     scores: tuple[RunScore, ...]
     held_out: bool
     covered: Mapping[str, Array]

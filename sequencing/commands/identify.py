@@ -112,12 +112,13 @@ def motion_log(
         legal = "motor_from_joint (n x n), or drive.gear_ratio"
         fix = "give the gear ratios"
         raise InputError.of("gear-ratio", str(robot.urdf), "robot.yaml", "missing", legal, fix)
-    q = log.q_rad
+    turns = np.eye(n) if ratio is None else ratio
+    q = np.asarray(log.q_rad)
     if log.source == "motor":
-        q = np.linalg.solve(ratio, q.T).T + np.array(settings.get("motor_zero_rad", [0.0] * n))
+        q = np.linalg.solve(turns, q.T).T + np.array(settings.get("motor_zero_rad", [0.0] * n))
     if kind == "actual_current":
         constants = drive.torque_constant_nm_a if drive is not None else np.ones(n)
         values = values * constants
-    torque = values if kind == "actual_torque" else values @ ratio
+    torque = values if kind == "actual_torque" else values @ turns
     digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
     return MotionLog(Path(path).name, log.t_s, q, torque, digest)

@@ -21,8 +21,8 @@ class ControllerLog:
 
     `source` says whether positions are `actual` or `target` ones. `current_a` (K, n),
     `joint_voltage_v` (K, n), torques at the motors and at the joints (K, n) and the robot's
-    DC power `power_w` (K,) are None where the log has none. Where `source` is `motor`, positions are those
-    of the motors' encoders.
+    DC power `power_w` (K,) are None where the log has none. Where `source` is `motor`, positions
+    are those of the motors' encoders.
     """
 
     t_s: Array
