@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from dmoc.identification.identify import Identification, IdentificationProblem, identify
+from dmoc.identification.identifying import Identification, IdentificationProblem, identify
 from dmoc.identification.samples import MotionLog
 from dmoc.identification.terms import GasSpring
 from dmoc.robot.robot import Robot, load_robot

@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares, nnls
 
 from dmoc.arrays import Array
-from dmoc.identification.terms import Layout
+from dmoc.identification.terms import TermColumns
 
 _UPPER = ((0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3))
 #: Tie of the numbers that are no link's to their start, against columns without data.
@@ -52,7 +52,7 @@ def repaired(j: Array) -> Array:
 
 def _root(j: Array) -> Array:
     """Upper triangular U with U Uᵀ = J."""
-    return np.linalg.cholesky(j[::-1, ::-1])[::-1, ::-1]
+    return np.asarray(np.linalg.cholesky(j[::-1, ::-1])[::-1, ::-1], dtype=np.float64)
 
 
 def _coordinates(j: Array) -> Array:
@@ -95,13 +95,13 @@ class Compressed:
         for j in range(torque.shape[1]):
             keep = moving[:, j] > 0
             stacked = np.column_stack([regressor[keep, j], torque[keep, j]])
-            found.append(np.linalg.qr(stacked, mode="r"))
+            found.append(np.array(np.linalg.qr(stacked, mode="r"), dtype=np.float64))
         return Compressed(tuple(found), counts)
 
     def weighted(self, sigma: Array) -> tuple[Array, Array]:
         """Rows and right-hand side of all joints, divided by their sigma."""
         whole = np.vstack([row / s for row, s in zip(self.rows, sigma)])
-        whole = np.linalg.qr(whole, mode="r")
+        whole = np.array(np.linalg.qr(whole, mode="r"), dtype=np.float64)
         return whole[:, :-1], whole[:, -1]
 
     def residual(self, parameters: Array) -> Array:
@@ -115,17 +115,17 @@ def weighted_least_squares(data: Compressed, passes: int = 3) -> tuple[Array, Ar
     size = np.array([np.linalg.norm(r[:, -1]) for r in data.rows])
     size = np.maximum(size / np.sqrt(np.maximum(data.counts, 1.0)), 1e-12)
     sigma = size
-    parameters = np.zeros(data.rows[0].shape[1] - 1)
+    parameters: Array = np.zeros(data.rows[0].shape[1] - 1)
     for _ in range(passes):
         matrix, right = data.weighted(sigma)
-        parameters = np.linalg.lstsq(matrix, right, rcond=1e-10)[0]
+        parameters = np.array(np.linalg.lstsq(matrix, right, rcond=1e-10)[0], dtype=np.float64)
         spare = np.maximum(data.counts - matrix.shape[1] / len(sigma), 1.0)
         found = data.residual(parameters) * np.sqrt(np.maximum(data.counts, 1.0) / spare)
         sigma = np.maximum(found, 1e-7 * size)
     return parameters, sigma
 
 
-def friction_first(data: Compressed, sigma: Array, layout: Layout, prior: Array) -> Array:
+def friction_first(data: Compressed, sigma: Array, layout: TermColumns, prior: Array) -> Array:
     """Prior links, with everything beside them fitted non-negative (offsets have any sign)."""
     matrix, right = data.weighted(sigma)
     links = layout.num_links
@@ -153,7 +153,7 @@ class ConsistentFit:
 def fit_consistent(
     data: Compressed,
     sigma: Array,
-    layout: Layout,
+    layout: TermColumns,
     prior: Array,
     start: Array,
     weight: float,

@@ -11,7 +11,7 @@ import pinocchio as pin
 from dmoc.arrays import Array
 from dmoc.errors import Fault
 from dmoc.identification.samples import Samples
-from dmoc.identification.terms import Layout
+from dmoc.identification.terms import TermColumns
 from dmoc.robot.robot import Robot
 
 #: Misfit over that of plain least squares, in sums of squares.
@@ -89,7 +89,9 @@ def hypotheses(names: Sequence[str]) -> tuple[Hypothesis, ...]:
             gravity=True,
         )
     )
-    shifts = [((j, s * right),) for j in joints for s in (1, -1)]
+    shifts: list[tuple[tuple[int, float], ...]] = [
+        ((j, s * right),) for j in joints for s in (1, -1)
+    ]
     shifts += [((1, s * right), (2, t * right)) for s in (1, -1) for t in (1, -1)]
     out += [
         Hypothesis(
@@ -106,7 +108,12 @@ def hypotheses(names: Sequence[str]) -> tuple[Hypothesis, ...]:
 
 
 def suspicions(
-    robot: Robot, layout: Layout, values: Array, prior: Array, ratio: float, still: Sequence[Fault]
+    robot: Robot,
+    layout: TermColumns,
+    values: Array,
+    prior: Array,
+    ratio: float,
+    still: Sequence[Fault],
 ) -> tuple[Fault, ...]:
     """Signs of a mistake in the fitted numbers, as doubts."""
     out = []
@@ -120,7 +127,7 @@ def suspicions(
 
     for block in ("coulomb", "viscous"):
         found = values[layout.block(block)]
-        for j in np.flatnonzero(found < 1e-3 * max(1.0, float(found.max()))):
+        for j in map(int, np.flatnonzero(found < 1e-3 * max(1.0, float(found.max())))):
             if names[j] not in skip:
                 doubt("identify-bound", names[j], f"{block} friction {found[j]:.3g}", "> 0")
     if ratio > MOST_MISFIT:

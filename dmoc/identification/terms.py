@@ -69,7 +69,7 @@ def springs_of(entries: Sequence[Mapping[str, Any]], names: Sequence[str]) -> tu
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class TermColumns:
     """Which column means what, for n joints, coupled motors `rows` (c, n) and springs."""
 
     model: pin.Model

@@ -14,9 +14,9 @@ import yaml
 from dmoc.arrays import Array
 from dmoc.errors import Fault, InputError, RobotError
 from dmoc.identification.consistent import link_numbers, pseudo_inertia
-from dmoc.identification.identify import Identification
+from dmoc.identification.identifying import Identification
 from dmoc.identification.samples import Samples
-from dmoc.identification.terms import Layout, couplings_of, springs_of
+from dmoc.identification.terms import TermColumns, couplings_of, springs_of
 from dmoc.robot.drive import drive_from_mapping
 from dmoc.robot.robot import Robot, load_robot
 from dmoc.robot.settings import read_settings
@@ -41,7 +41,7 @@ def write_identification(result: Identification, folder: Path | str) -> tuple[Pa
     return paths
 
 
-def read_identified(urdf: Path | str) -> tuple[Robot, Layout, Array]:
+def read_identified(urdf: Path | str) -> tuple[Robot, TermColumns, Array]:
     """A written pair: the robot, its columns and its parameters.
 
     Errors: `RobotError` for a robot.yaml without friction, or with faults in these entries.
@@ -54,7 +54,7 @@ def read_identified(urdf: Path | str) -> tuple[Robot, Layout, Array]:
         legal, fix = "a drive and an identified block", "write it with dmoc identify"
         raise RobotError(Fault("robot-value", str(urdf), "identified", "missing", legal, fix))
     ratio = np.array(settings.get("motor_from_joint", np.eye(n)), dtype=float)
-    layout = Layout(
+    layout = TermColumns(
         robot.model, couplings_of(ratio), springs_of(settings.get("springs", []), names)
     )
     out = np.zeros(layout.size)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dmoc.errors import InputError
-from dmoc.identification.identify import IdentificationProblem, identify
+from dmoc.identification.identifying import IdentificationProblem, identify
 from dmoc.identification.samples import MotionLog
 from dmoc.identification.terms import springs_of
 from dmoc.identification.written import summary, write_identification

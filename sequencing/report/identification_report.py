@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from dmoc.identification.identify import Identification
+from dmoc.identification.identifying import Identification
 from dmoc.identification.samples import samples_of
 from sequencing.report.curves import COLOURS
 from sequencing.report.markup import markdown_html

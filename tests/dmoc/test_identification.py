@@ -19,9 +19,9 @@ from dmoc.identification.consistent import (
     pseudo_inertia,
     weighted_least_squares,
 )
-from dmoc.identification.identify import Identification, IdentificationProblem, identify
+from dmoc.identification.identifying import Identification, IdentificationProblem, identify
 from dmoc.identification.samples import MotionLog, Samples, samples_of
-from dmoc.identification.terms import GasSpring, Layout, couplings_of
+from dmoc.identification.terms import GasSpring, TermColumns, couplings_of
 from dmoc.identification.written import predicted_torque_nm, read_identified, write_identification
 from dmoc.robot.robot import Robot, load_robot
 
@@ -45,7 +45,7 @@ def motion(seed: int, seconds: float = 20.0, rate_hz: float = 250.0) -> tuple[Ar
     return t, q + np.array([0.0, -1.2, 1.2, -0.8, 0.6, 0.0]), qd, qdd
 
 
-def truth(robot: Robot, layout: Layout) -> Array:
+def truth(robot: Robot, layout: TermColumns) -> Array:
     """Bodies ten to thirty per cent off the robot file, rotors as in it, friction of a real arm."""
     out = np.zeros(layout.size)
     for i in range(6):
@@ -61,7 +61,7 @@ def truth(robot: Robot, layout: Layout) -> Array:
     return out
 
 
-def simulated(robot: Robot, layout: Layout, seed: int, seconds: float = 20.0) -> Samples:
+def simulated(robot: Robot, layout: TermColumns, seed: int, seconds: float = 20.0) -> Samples:
     """Samples without noise, 20 ms apart."""
     _, q, qd, qdd = motion(seed, seconds, 50.0)
     blank = Samples("simulated", 0.02, q, qd, qdd, np.zeros_like(q))
@@ -69,7 +69,7 @@ def simulated(robot: Robot, layout: Layout, seed: int, seconds: float = 20.0) ->
     return replace(blank, torque_nm=torque)
 
 
-def noisy_log(robot: Robot, layout: Layout, seed: int) -> MotionLog:
+def noisy_log(robot: Robot, layout: TermColumns, seed: int) -> MotionLog:
     """A log at 250 Hz whose torque has white noise."""
     t, q, qd, qdd = motion(seed)
     blank = Samples("log", 0.004, q, qd, qdd, np.zeros_like(q))
@@ -85,7 +85,7 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="module")
 def identified(robot: Robot) -> Identification:
-    layout = Layout(robot.model, np.zeros((0, 6)))
+    layout = TermColumns(robot.model, np.zeros((0, 6)))
     logs = tuple(noisy_log(robot, layout, seed) for seed in (1, 2))
     return identify(IdentificationProblem(robot, logs[:1], logs[1:]))
 
@@ -94,7 +94,7 @@ def test_base_parameters_come_back_from_exact_samples(robot: Robot) -> None:
     ratio = np.eye(6)
     ratio[5, 4] = 1.0
     spring = GasSpring(1, (0.8, 0.2), -1.6, 1e-4, 1e-3, 1e4)
-    layout = Layout(robot.model, couplings_of(ratio), (spring,))
+    layout = TermColumns(robot.model, couplings_of(ratio), (spring,))
     run = simulated(robot, layout, 0)
     regressor = layout.regressor(run)
     data = Compressed.of(regressor, run.torque_nm, run.moving)
@@ -120,7 +120,7 @@ def test_base_parameters_come_back_from_exact_samples(robot: Robot) -> None:
 
 def test_two_sigma_cover_the_truth(robot: Robot) -> None:
     """Where the columns are exact: the filter's smear of sgn(qd) at reversals is not in it."""
-    layout = Layout(robot.model, np.zeros((0, 6)))
+    layout = TermColumns(robot.model, np.zeros((0, 6)))
     true = truth(robot, layout)
     inside = []
     for seed in range(10, 22):
@@ -194,7 +194,7 @@ TURNED = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
     ids=["sign-3", "sign-1", "axis-3", "home", "late"],
 )
 def test_mistakes_are_named(robot: Robot, change: object, code: str, tmp_path: Path) -> None:
-    layout = Layout(robot.model, np.zeros((0, 6)))
+    layout = TermColumns(robot.model, np.zeros((0, 6)))
     log = noisy_log(robot, layout, 3)
     q, tau = change(log.q_rad, log.torque_nm)  # type: ignore[operator]
     fit = identify(IdentificationProblem(robot, (replace(log, q_rad=q, torque_nm=tau),)))
@@ -206,7 +206,7 @@ def test_mistakes_are_named(robot: Robot, change: object, code: str, tmp_path: P
 
 @pytest.mark.slow
 def test_reversed_gravity_is_named(robot: Robot) -> None:
-    layout = Layout(robot.model, np.zeros((0, 6)))
+    layout = TermColumns(robot.model, np.zeros((0, 6)))
     log = noisy_log(robot, layout, 3)
     hung = replace(robot, model=pin.Model(robot.model))
     hung.model.gravity.linear = -hung.model.gravity.linear
@@ -221,7 +221,7 @@ def test_what_free_motion_cannot_tell_is_said(identified: Identification) -> Non
 
 
 def test_a_joint_at_rest_keeps_its_tag(robot: Robot) -> None:
-    layout = Layout(robot.model, np.zeros((0, 6)))
+    layout = TermColumns(robot.model, np.zeros((0, 6)))
     log = noisy_log(robot, layout, 4)
     q = log.q_rad.copy()
     q[:, 1:] = q[0, 1:]

@@ -24,7 +24,7 @@ from dmoc.identification.consistent import (
 )
 from dmoc.identification.samples import MotionLog, Samples, samples_of
 from dmoc.identification.suspicion import Hypothesis, hypotheses, suspicions
-from dmoc.identification.terms import GasSpring, Layout, couplings_of
+from dmoc.identification.terms import GasSpring, TermColumns, couplings_of
 from dmoc.robot.drive import heavy_class_drive
 from dmoc.robot.robot import Robot
 
@@ -73,11 +73,11 @@ class IdentificationProblem:
             raise ProblemError.of("identification", "", "problem", value, legal, fix)
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> TermColumns:
         """The columns of this robot."""
         n = self.robot.num_joints
         ratio = np.eye(n) if self.motor_from_joint is None else np.asarray(self.motor_from_joint)
-        return Layout(self.robot.model, couplings_of(ratio), self.springs)
+        return TermColumns(self.robot.model, couplings_of(ratio), self.springs)
 
     @property
     def prior(self) -> Array:
@@ -131,7 +131,7 @@ class Identification:
     """
 
     problem: IdentificationProblem
-    layout: Layout
+    layout: TermColumns
     parameters: Array
     std: Array
     prior: Array
@@ -270,7 +270,7 @@ def _data(
 
 def _fit(
     problem: IdentificationProblem,
-    layout: Layout,
+    layout: TermColumns,
     data: Compressed,
     sigma: Array,
     prior: Array,
