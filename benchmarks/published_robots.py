@@ -18,7 +18,9 @@ FILES = {
     "panda": "panda_description/urdf/panda.urdf",
     "xarm7": "xarm_description/urdf/xarm7.urdf",
     "z1": "z1_description/urdf/z1.urdf",
+    "kinova": "kinova_description/robots/kinova.urdf",
 }
+_FLANGES = {"panda": "panda_hand_tcp", "kinova": "j2s6s200_end_effector"}
 _NOT_ARM = ("finger", "gripper", "knuckle", "drive_joint")
 
 
@@ -52,6 +54,8 @@ def published_robot(name: str, folder: Path) -> Robot:
     target = folder / name / f"{name}.urdf"
     target.parent.mkdir(parents=True, exist_ok=True)
     tree.write(target)
+    if name in _FLANGES:
+        (target.parent / "robot.yaml").write_text(f"flange: {_FLANGES[name]}\n")
     return load_robot(target)
 
 

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-
 from dmoc.arrays import Array, readonly
 from dmoc.motion.motion import Motion
 from dmoc.solving.solvers import DEFAULT_SOLVER
@@ -255,25 +253,3 @@ class Cycle:
     def fallbacks(self) -> int:
         """How many motions are the time-scaled seed instead of a refined one."""
         return sum(1 for m in self.motions if m.motion.source == "fallback")
-
-    def joint_curve(self, step_s: float = 0.02) -> tuple[Array, Array]:
-        """Times (K,) [s] and joint vectors (K, n) of the whole cycle, welds held."""
-        times: list[Array] = []
-        joints: list[Array] = []
-        clock = 0.0
-        with_home = len(self.motions) == len(self.welds) + 1
-        for index, item in enumerate(self.motions):
-            weld = index - 1 if with_home else index
-            if 0 <= weld < len(self.welds):
-                held = self.welds[weld]
-                times.append(np.array([clock, clock + held.time_s]))
-                joints.append(np.vstack([held.q_rad, held.q_rad]))
-                clock += held.time_s
-            trajectory = item.motion.require().trajectory
-            assert trajectory is not None
-            count = max(2, int(np.ceil(trajectory.duration_s / step_s)) + 1)
-            local = np.linspace(0.0, trajectory.duration_s, count)
-            times.append(clock + local)
-            joints.append(trajectory.sample(trajectory.t_s[0] + local).q_rad)
-            clock += trajectory.duration_s
-        return np.concatenate(times), np.vstack(joints)

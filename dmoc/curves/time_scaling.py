@@ -48,8 +48,8 @@ _PIN_TOLERANCE_RAD = 1e-9
 class TimedPath:
     """A path with its timing: `trajectory` (knots dense along the path) and its J.
 
-    `law` names the time law; `within_limits` says whether speed, acceleration and torque limits
-    hold at every knot interval's midpoint.
+    `law` names the time law; `within_limits` says whether speed, acceleration, jerk and torque
+    limits hold at every knot interval's midpoint.
     """
 
     trajectory: JointTrajectory
@@ -180,7 +180,10 @@ def _finish(
     zero = np.zeros_like(mid.q_rad)
     gravity = inverse_dynamics(robot.model, mid.q_rad, zero, zero)
     moving = inverse_dynamics(robot.model, *mid[:3]) - gravity
-    least = least_slowdown(robot, mid.velocity_rad_s, mid.acceleration_rad_s2, gravity, moving)
+    least = max(
+        least_slowdown(robot, mid.velocity_rad_s, mid.acceleration_rad_s2, gravity, moving),
+        _slowdown_for_jerk(problem, step, raw.velocity_rad_s),
+    )
     within = bool(np.isfinite(least))
     if not within:
         least = 1.0
@@ -204,6 +207,20 @@ def _finish(
     )
     slowed = JointTrajectory(t * kappa, q, raw.velocity_rad_s / kappa, torque, robot)
     return TimedPath(slowed, float(np.sum(rate * step) * kappa), law, within)
+
+
+def _slowdown_for_jerk(problem: MotionProblem, step: Array, velocity: Array) -> float:
+    """The least κ at which the jumps of the acceleration, by 1/κ³, meet the limit; 0 without one.
+
+    From rest to rest: a jump counts over the time between the middles of its two intervals.
+    """
+    limit = problem.jerk_limit_rad_s3
+    if limit is None:
+        return 0.0
+    still = np.zeros((1, velocity.shape[1]))
+    mean = np.vstack([still, np.diff(velocity, axis=0) / step[:, None], still])
+    apart = np.concatenate([step[:1], (step[1:] + step[:-1]) / 2, step[-1:]])
+    return float(np.cbrt(np.max(np.abs(np.diff(mean, axis=0)) / apart[:, None] / limit)))
 
 
 def least_slowdown(

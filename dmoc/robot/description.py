@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from dmoc.arrays import Array
@@ -120,6 +121,11 @@ class Description:
                 else:
                     place = self.chain.index(name) + 1
                     waiting.append((joint.child, place, pin.SE3.Identity()))
+
+    @property
+    def slides(self) -> npt.NDArray[np.bool_]:
+        """Which joints of the chain (n,) slide."""
+        return np.array([self.joints[name].kind == "prismatic" for name in self.chain])
 
     def on_joint(self, number: int) -> tuple[str, ...]:
         """Links that a joint of the chain carries rigidly."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import pinocchio as pin
 from dmoc.arrays import Array
 from dmoc.errors import DmocError, Fault, RobotError
 from dmoc.input_file import FieldPath, YamlTree, field_name, read_yaml
+from dmoc.robot.controller import controller_from_mapping
 from dmoc.robot.description import Description
 from dmoc.robot.drive import drive_from_mapping
 
@@ -30,6 +31,7 @@ _KNOWN = {
     *_VECTORS,
     "name",
     "flange",
+    "controller",
     "drive",
     "provenance",
     "schema_version",
@@ -96,6 +98,22 @@ def _misread(path: Path) -> Fault | None:
 ROTOR_RAD_S2 = 100.0
 #: Acceleration limit over speed limit where no acceleration limit is given [1/s].
 ACCELERATION_PER_SPEED = 10.0
+
+
+#: Drives are taken to hold an arm and a load of LOAD times its mass, at x and z [m] of its flange,
+#: and to reach full speed within RAMP_S [s], RESERVE times over.
+LOAD, LOAD_AT_M, RESERVE, RAMP_S = 0.1, 0.1, 1.5, 0.3
+
+
+def torque_assumed(urdf: Path, names: Sequence[str], torque_nm: Array) -> Fault:
+    """The warning of torque limits that nobody gave."""
+    value = f"no effort of {', '.join(names)}; {_numbers(torque_nm)} taken"
+    fix = (
+        f"give torque_limit_nm in robot.yaml; taken is {RESERVE:g} x what holding the arm with "
+        f"{LOAD:g} of its mass at the flange and {RAMP_S:g} s to full speed take"
+    )
+    file = str(urdf.with_name("robot.yaml"))
+    return Fault("torque-assumed", file, "torque_limit_nm", value, "N·m of each joint", fix)
 
 
 def assumptions(
@@ -181,7 +199,7 @@ def settings_faults(
     if not isinstance(use, bool) and not (isinstance(use, list) and set(map(str, use)) <= {*links}):
         fix = "write true, or name the links"
         refuse("robot-value", ("use_visual_shapes",), use, "true, false or a list of links", fix)
-    _check_drive(settings, model, refuse)
+    _check_sections(settings, model, refuse)
     _check_provenance(settings, refuse)
     _check_pairs(settings, links, refuse)
     return faults
@@ -235,19 +253,20 @@ def _check_locked(settings: dict[str, Any], description: Description, refuse: Re
             refuse("robot-value", ("locked", name), value, "a finite number", "give rad or m")
 
 
-def _check_drive(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -> None:
+def _check_sections(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -> None:
     drive = settings.get("drive")
-    if drive is None:
-        return
-    if not isinstance(drive, dict):
+    if drive is not None and not isinstance(drive, dict):
         refuse("robot-value", ("drive",), drive, "a mapping", "write drive: {class: heavy}")
-        return
-    try:
-        drive_from_mapping(drive, model.nv)
-    except DmocError as error:
-        for fault in error.faults:
-            path = tuple(fault.field.split("."))
-            refuse(fault.code, path, fault.value, fault.legal, fault.fix or "mend the value")
+        drive = None
+    controller = settings.get("controller")
+    for section, read in ((drive, drive_from_mapping), (controller, controller_from_mapping)):
+        try:
+            if section is not None:
+                read(section, model.nv)
+        except DmocError as error:
+            for fault in error.faults:
+                path = tuple(fault.field.split("."))
+                refuse(fault.code, path, fault.value, fault.legal, fault.fix or "mend the value")
 
 
 def _check_provenance(settings: dict[str, Any], refuse: Refuse) -> None:

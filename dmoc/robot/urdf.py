@@ -237,6 +237,11 @@ def _chain(
             break
         at = next_ones[0]
         chain.append(at)
+    for name in chain[1:]:
+        if joints[name].attributes.get("type") == "prismatic":
+            value, legal = "a sliding axis in the arm", "turning joints; the first one may slide"
+            fix = "fix it, or lock it: locked: {JOINT: m}"
+            faults.add("joint-type", joints[name], value, legal, fix, f"joint {name}")
     if not 1 <= len(chain) <= _MOST_MOVING:
         value, legal = f"{len(chain)} moving joints", f"1 to {_MOST_MOVING}"
         faults.add("urdf-joints", root, value, legal, "give one serial arm")

@@ -234,9 +234,6 @@ def read_joint(
         legal, fix = "revolute, continuous, prismatic or fixed", "fix the joint, or leave it out"
         faults.add("joint-type", joint, kind or "no type", legal, fix, field)
         return plain
-    if kind == "prismatic" and arm:
-        legal, fix = "a chain of turning joints", "fix it, or lock it: locked: {JOINT: m}"
-        faults.add("joint-type", joint, "a sliding axis in the arm", legal, fix, field)
     if kind == "fixed":
         return plain
     axis = _numbers(joint.first("axis"), "xyz", 3, "1 0 0", f"{field}.axis", faults)
@@ -256,7 +253,7 @@ def read_joint(
 def _limits(
     joint: Element, kind: str, field: str, faults: Faults, given: Collection[str]
 ) -> tuple[float, float, float, float]:
-    """Lower, upper, velocity, effort."""
+    """Lower, upper, velocity, effort; an effort of 0, or none, is one that nobody gave."""
     limit = joint.first("limit")
     if limit is None:
         legal = "<limit lower upper velocity effort>"
@@ -270,7 +267,7 @@ def _limits(
         if kind == "continuous" and name in ends:
             values[name] = ends[name]
             continue
-        default = "0" if key in given else ""
+        default = "0" if key in given or name == "effort" else ""
         value = _numbers(limit, name, 1, default, f"{field}.{name}", faults)
         values[name] = np.nan if value is None else float(value[0])
     lower, upper = values["lower"], values["upper"]
@@ -285,7 +282,8 @@ def _limits(
         ("effort", "torque_limit_nm", 1e6, "give the torque limit in N·m (force in N)"),
     ):
         size = values[most_of]
-        if not (0 < size <= largest or (key in given and size == 0) or np.isnan(size)):
+        unsaid = size == 0 and (key in given or most_of == "effort")
+        if not (0 < size <= largest or unsaid or np.isnan(size)):
             legal, fix = f"> 0, at most {largest:g}", f"{fix}, or {key} in robot.yaml"
             faults.add(f"limit-{most_of}", limit, f"{size:g}", legal, fix, f"{field}.{most_of}")
     return lower, upper, values["velocity"], values["effort"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,9 @@ from planning.arm.screws import ScrewAxes, chain_of, pose_error
 #: Largest error of a returned solution [m, rad].
 TOLERANCE = 1e-9
 _STARTS = 48
+#: A track is sampled at so many places at least, at both ends and no farther apart than that [m].
+TRACK_PLACES = 5
+TRACK_STEP_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -39,11 +42,18 @@ def inverse(robot: Robot, poses: Array, seed: int = 0) -> Solutions:
     Closed form for spherical wrists and for three parallel axes; other arms (7 joints, offset
     wrists) by seeded multi-start, which for 7 joints samples the free motion. Errors against
     forward kinematics are at most 1e-9 m and rad. At a straight wrist one joint is free and is
-    sampled. A pose that is off that by the digits of a file (a sine below 1e-6) may leave the exact
-    branches out of reach or limits: then come the samples, off by no more than that sine.
+    sampled; of more than eight solutions, as samples are, each is given once, with the turns
+    nearest to the middle of the ranges: all turns of them were up to 2,300. A pose that is off that
+    by the digits of a file (a sine below 1e-6) may leave the exact branches out of reach or limits:
+    then come the samples, off by no more than that sine.
+    A track under the arm is sampled: at every place the arm on it is solved.
     """
-    chain = chain_of(robot)
-    poses = np.asarray(poses, dtype=float).reshape(-1, 4, 4)
+    return _inverse(chain_of(robot), np.asarray(poses, dtype=float).reshape(-1, 4, 4), seed)
+
+
+def _inverse(chain: ScrewAxes, poses: Array, seed: int) -> Solutions:
+    if chain.slides[0]:
+        return _along_track(chain, poses, seed)
     branches = _branches(chain, poses, seed)
     rows: list[Array] = []
     owner: list[int] = []
@@ -52,6 +62,8 @@ def inverse(robot: Robot, poses: Array, seed: int = 0) -> Solutions:
         for found in (exact, sampled):
             counts[k] += len(found)
             turns = [wraps(q, chain.lower_rad, chain.upper_rad) for q in found]
+            if len(found) > NUM_BRANCHES:
+                turns = [_most_central(inside, chain) for inside in turns]
             outside[k] += sum(len(inside) == 0 for inside in turns)
             legal = [row for inside in turns for row in inside]
             rows += legal
@@ -64,6 +76,33 @@ def inverse(robot: Robot, poses: Array, seed: int = 0) -> Solutions:
         counts,
         outside,
     )
+
+
+def _along_track(chain: ScrewAxes, poses: Array, seed: int) -> Solutions:
+    low, high = float(chain.lower_rad[0]), float(chain.upper_rad[0])
+    count = max(TRACK_PLACES, int(np.ceil((high - low) / TRACK_STEP_M)) + 1)
+    places = np.linspace(low, high, count)
+    parts = ("axis", "point", "lower_rad", "upper_rad", "slides")
+    arm = replace(chain, **{name: getattr(chain, name)[1:] for name in parts})
+    found = []
+    for k, place in enumerate(places):
+        moved = poses.copy()  # seen from an arm that stands at the track's zero
+        moved[:, :3, 3] -= place * chain.axis[0]
+        found.append(_inverse(arm, moved, seed + 104_729 * k))
+    pose = np.concatenate([each.pose for each in found])
+    rows = [np.insert(each.q_rad, 0, place, axis=1) for each, place in zip(found, places)]
+    order = np.argsort(pose, kind="stable")
+    counts, outside = (
+        np.sum([getattr(each, name) for each in found], axis=0)
+        for name in ("num_branches", "num_outside")
+    )
+    return Solutions(np.concatenate(rows)[order], pose[order], counts, outside)
+
+
+def _most_central(turns: Array, chain: ScrewAxes) -> Array:
+    """The one of the rows (W, n) that is nearest to the middle of the ranges; none of none."""
+    away = np.abs(turns - (chain.lower_rad + chain.upper_rad) / 2).sum(axis=1)
+    return turns[np.argsort(away, kind="stable")[:1]]
 
 
 def _branches(chain: ScrewAxes, poses: Array, seed: int) -> list[tuple[Array, Array]]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from dmoc.arrays import Array
 from dmoc.robot.robot import Robot
@@ -16,7 +17,8 @@ class ScrewAxes:
 
     `axis` (n, 3) unit vectors h_i, `point` (n, 3) points o_i on them [m], `home` (4, 4) the end
     frame at q = 0, `lower_rad`, `upper_rad` (n,). The end frame at q is
-    exp(h_1, o_1; q_1) … exp(h_n, o_n; q_n) · home.
+    exp(h_1, o_1; q_1) … exp(h_n, o_n; q_n) · home. Joints in `slides` (n,) move along their axis
+    (their q and limits in m).
     """
 
     axis: Array
@@ -24,6 +26,7 @@ class ScrewAxes:
     home: Array
     lower_rad: Array
     upper_rad: Array
+    slides: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(16, dtype=np.bool_))
 
     @property
     def num_joints(self) -> int:
@@ -42,6 +45,9 @@ class ScrewAxes:
         jacobian = np.empty((len(pose), 6, self.num_joints))
         for i in range(self.num_joints):
             axis = products[i][:, :3, :3] @ self.axis[i]
+            if self.slides[i]:
+                jacobian[:, :3, i], jacobian[:, 3:, i] = axis, 0.0
+                continue
             point = products[i][:, :3, :3] @ self.point[i] + products[i][:, :3, 3]
             jacobian[:, :3, i] = np.cross(axis, pose[:, :3, 3] - point)
             jacobian[:, 3:, i] = axis
@@ -54,8 +60,11 @@ class ScrewAxes:
         products = [motion]
         for i in range(self.num_joints):
             step = np.tile(np.eye(4), (len(q), 1, 1))
-            step[:, :3, :3] = rotation_about(self.axis[i], q[:, i])
-            step[:, :3, 3] = self.point[i] - step[:, :3, :3] @ self.point[i]
+            if self.slides[i]:
+                step[:, :3, 3] = q[:, i, None] * self.axis[i]
+            else:
+                step[:, :3, :3] = rotation_about(self.axis[i], q[:, i])
+                step[:, :3, 3] = self.point[i] - step[:, :3, :3] @ self.point[i]
             motion = motion @ step
             products.append(motion)
         return products
@@ -68,13 +77,15 @@ def chain_of(robot: Robot) -> ScrewAxes:
     axes, points = [], []
     for i in range(1, model.njoints):
         pose = pose @ model.jointPlacements[i].homogeneous
-        # S = (v, ω) of a revolute joint in its own frame: ω is its axis.
-        local = np.array(model.joints[i].createData().S).reshape(6)[3:]
+        # S = (v, ω) of a joint in its own frame: ω is the axis of one that turns, v of a slide.
+        screw = np.array(model.joints[i].createData().S).reshape(6)
+        local = screw[:3] if robot.slides[i - 1] else screw[3:]
         axes.append(pose[:3, :3] @ local)
         points.append(pose[:3, 3].copy())
     frame = model.frames[robot.flange_id]
     home = pose @ frame.placement.homogeneous @ robot.tool.tip.homogeneous
-    return ScrewAxes(np.array(axes), np.array(points), home, robot.q_lower_rad, robot.q_upper_rad)
+    limits = robot.q_lower_rad, robot.q_upper_rad
+    return ScrewAxes(np.array(axes), np.array(points), home, *limits, robot.slides)
 
 
 def rotation_about(axis: Array, angle_rad: Array) -> Array:

@@ -110,9 +110,18 @@ def prove_path(clearance: Judged, q_rad: Array, *, max_depth: int = 11) -> bool:
     """Whether the piecewise linear path through `q_rad` (K, n) is proven free, as `certify`."""
     t = (np.arange(4) / 3.0)[None, :, None]
     q = np.asarray(q_rad, dtype=float)
-    bezier = np.ascontiguousarray(q[:-1, None] + t * (q[1:] - q[:-1])[:, None])
+    return _proven(clearance, q[:-1, None] + t * (q[1:] - q[:-1])[:, None], max_depth)
+
+
+def prove_curve(clearance: Judged, trajectory: JointTrajectory, *, max_depth: int = 9) -> bool:
+    """Whether the trajectory is proven free, as `certify` and without its report."""
+    return _proven(clearance, bezier_of(trajectory), max_depth)
+
+
+def _proven(clearance: Judged, bezier: Array, max_depth: int) -> bool:
     where, place = np.empty((1, 2), dtype=np.int64), np.empty((1, 2))
-    return _bisected(clearance, bezier, max_depth, where, place, 0.0, 0.0)[0] == 0
+    curve = np.ascontiguousarray(bezier)
+    return _bisected(clearance, curve, max_depth, where, place, 0.0, 0.0)[0] == 0
 
 
 def _bisected(
@@ -128,18 +137,9 @@ def _bisected(
     scene, scope = clearance.world.scene, clearance.scope
     tree = bisection_workspace(len(scene.pieces), len(scope.pairs.body), max_depth)
     failures, evaluations, smallest, level = prove(
-        scene.chain,
-        scene.solids,
-        scope.pairs,
-        scene.pose,
-        scene.moving,
+        scene.view(scope),
         bezier,
         clearance.tracking_error_m,
-        scene.tip,
-        scope.lines,
-        scope.exempt,
-        scope.inside,
-        scene.work,
         tree,
         len(where),
         where,

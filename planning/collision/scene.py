@@ -19,7 +19,7 @@ from planning.collision.fcl_engine import FclEngine
 from planning.collision.kernels import queries as kernels
 from planning.collision.kernels.contact import first_contacts
 from planning.collision.kernels.depth import grown_workspace
-from planning.collision.kernels.layout import Pairs
+from planning.collision.kernels.layout import Pairs, Query
 from planning.collision.kernels.segment import Scan, known_workspace, segment_contact
 from planning.collision.packed import pack_chain, pack_pairs, pack_solids, workspace
 from planning.collision.pairs import checked_pairs, pairs_that_never_touch
@@ -124,9 +124,7 @@ class Scene:
         rng = np.random.default_rng(0)
         q = rng.uniform(robot.q_lower_rad, robot.q_upper_rad, (64, robot.num_joints))
         reach, weight = np.empty(q.shape), np.empty(q.shape)
-        kernels.reach_batch(
-            self.chain, self.solids, self.pose, self.moving, q, self.work, reach, weight
-        )
+        kernels.reach_batch(self.view(self.everything), q, reach, weight)
         return np.maximum(reach.mean(axis=0), 1e-3)
 
     def scope(self, lines: Sequence[DepartureLine]) -> Scope:
@@ -150,6 +148,10 @@ class Scene:
             ]
             exempt[k] = np.isin(self.pairs.body, wanted)
         return Scope(self.pairs, rows, exempt, np.zeros(len(lines), dtype=bool))
+
+    def view(self, scope: Scope) -> Query:
+        """What the kernels are handed for a question of that scope."""
+        return Query(self.chain, self.solids, self.pose, self.moving, self.tip, self.work, *scope)
 
     def rows_of(self, q_rad: Array) -> Array:
         """q as finite (K, n). Errors: `ProblemError`, also in a thread that did not make this."""
@@ -178,21 +180,7 @@ class Scene:
         if self.engine_name != "native":
             return self._engine_contacts(q, inflation_m, scope)
         first = np.empty(len(q), dtype=np.int64)
-        first_contacts(
-            self.chain,
-            self.solids,
-            scope.pairs,
-            self.pose,
-            self.moving,
-            q,
-            inflation_m,
-            self.tip,
-            scope.lines,
-            scope.exempt,
-            scope.inside,
-            self.work,
-            first,
-        )
+        first_contacts(self.view(scope), q, inflation_m, first)
         return first
 
     def segment_contact(
@@ -234,44 +222,14 @@ class Scene:
     def scan(self, step_m: float, inflation_m: float, scope: Scope) -> Scan:
         """What the kernels ask of a segment; forgets which pairs touched lately."""
         self.known.recent[:] = -1
-        return Scan(
-            self.chain,
-            self.solids,
-            scope.pairs,
-            self.pose,
-            self.moving,
-            float(inflation_m),
-            self.lever_m / step_m,
-            self.tip,
-            scope.lines,
-            scope.exempt,
-            scope.inside,
-            self.work,
-            self.known,
-        )
+        return Scan(self.view(scope), float(inflation_m), self.lever_m / step_m, self.known)
 
     def smallest(self, q: Array, cap_m: float, scope: Scope) -> tuple[Array, npt.NDArray[np.int64]]:
         """Smallest distance (K,) capped at `cap_m` and its piece pair (K,), −1 for none."""
         phi, pair = np.full(len(q), cap_m), np.full(len(q), -1)
         deep = np.ones(len(q), dtype=bool)
         if self.engine_name == "native":
-            kernels.smallest_distances(
-                self.chain,
-                self.solids,
-                scope.pairs,
-                self.pose,
-                self.moving,
-                q,
-                cap_m,
-                self.tip,
-                scope.lines,
-                scope.exempt,
-                scope.inside,
-                self.work,
-                phi,
-                pair,
-                deep,
-            )
+            kernels.smallest_distances(self.view(scope), q, cap_m, phi, pair, deep)
         if np.any(deep):
             where = np.flatnonzero(deep)
             near = self.near(q[where], cap_m, scope)
@@ -288,23 +246,7 @@ class Scene:
         while True:
             index = np.empty((room, 2), dtype=np.int64)
             values = np.empty((room, 10 + self.num_joints))
-            count = kernels.near_pairs(
-                self.chain,
-                self.solids,
-                scope.pairs,
-                self.pose,
-                self.moving,
-                q,
-                cap_m,
-                self.tip,
-                scope.lines,
-                scope.exempt,
-                scope.inside,
-                self.work,
-                self.grown,
-                index,
-                values,
-            )
+            count = kernels.near_pairs(self.view(scope), q, cap_m, self.grown, index, values)
             if count <= room:
                 break
             room = count
@@ -312,8 +254,7 @@ class Scene:
 
     def place(self, q: Array) -> None:
         """Poses of all pieces at one q (n,) into `pose`."""
-        q = np.array(q, dtype=float)
-        kernels.poses_at(self.chain, self.solids, self.pose, self.moving, q, self.work)
+        kernels.place(self.view(self.everything), np.array(q, dtype=float))
 
     def _measure(self, q: Array, index: npt.NDArray[np.int64], values: Array, scope: Scope) -> None:
         """Fill rows by the engine; rows of one configuration stand together."""
@@ -326,7 +267,7 @@ class Scene:
             found = self.engine.distance(int(a), int(b), self.pose[a], self.pose[b])
             values[r, 0] = found.distance_m - scope.pairs.extra[m]
             values[r, 1:4], values[r, 4:7], values[r, 7:10] = found[1:]
-        kernels.engine_rows(self.chain, self.solids, self.pairs, q, self.work, index, values)
+        kernels.engine_rows(self.view(scope), q, index, values)
 
     def pair_distance(self, q: Array, piece_pair: int) -> PairDistance:
         """One piece pair at one q (n,), measured by the engine that the scene was built with."""
@@ -346,21 +287,7 @@ class Scene:
 
     def _candidates(self, q: Array, cap_m: float, scope: Scope) -> npt.NDArray[np.int64]:
         chosen = np.empty(len(self.pairs.body), dtype=np.int64)
-        count = kernels.candidate_pairs(
-            self.chain,
-            self.solids,
-            scope.pairs,
-            self.pose,
-            self.moving,
-            q,
-            cap_m,
-            self.tip,
-            scope.lines,
-            scope.exempt,
-            scope.inside,
-            self.work,
-            chosen,
-        )
+        count = kernels.candidate_pairs(self.view(scope), q, cap_m, chosen)
         return chosen[:count]
 
     def _engine_near(self, q: Array, cap_m: float, scope: Scope) -> NearRows:
@@ -390,5 +317,5 @@ class Scene:
     def tips(self, q: Array) -> Array:
         """Tool tip (K, 3) in the world."""
         out = np.empty((len(q), 3))
-        kernels.tips_at(self.chain, self.tip, q, self.work, out)
+        kernels.tips_at(self.view(self.everything), q, out)
         return out

@@ -89,9 +89,7 @@ class EdgeClearance:
         scene = self.world.scene
         q = scene.rows_of(q_rad)
         reach, weight = np.empty(q.shape), np.empty(q.shape)
-        reach_batch(
-            scene.chain, scene.solids, scene.pose, scene.moving, q, scene.work, reach, weight
-        )
+        reach_batch(scene.view(scene.everything), q, reach, weight)
         return reach, weight
 
 

@@ -49,7 +49,7 @@ def tree_path(
     nodes[0, 0], nodes[1, 0] = start, goal
     parent = np.empty((2, MOST_NODES), dtype=np.int64)
     parent[:, 0] = -1
-    blocked = np.zeros(len(scan.pairs.body), dtype=np.int64)
+    blocked = np.zeros(len(scan.scene.pairs.body), dtype=np.int64)
     count, meeting = np.ones(2, dtype=np.int64), np.empty(2, dtype=np.int64)
     iterations, checks = grow_trees(
         scan,

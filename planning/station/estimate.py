@@ -7,24 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import trimesh
 
 from dmoc.errors import RobotError
-from dmoc.robot.robot import Robot, Tool, load_robot
-from dmoc.robot.settings import read_settings
+from dmoc.robot.robot import Robot, estimated_torque_nm, load_robot
+from dmoc.robot.settings import RAMP_S, read_settings
 from dmoc.robot.urdf import read_urdf
 from planning.geometry.mesh import load_link_mesh
 
-#: What the arm lifts: this share of its mass, at x and z [m] from its flange.
-LOAD, LOAD_AT_M = 0.1, 0.1
-#: What drives can do beyond that.
-RESERVE = 1.5
-#: From rest to full speed [s].
-RAMP_S = 0.3
 #: Full speed of a motor [rad/s], and inertia of its rotor for each N·m that it gives [s²].
 MOTOR_RAD_S, ROTOR_S2 = 314.0, 1e-4
-SAMPLES = 500
 
 
 def estimated_settings(
@@ -32,10 +24,9 @@ def estimated_settings(
 ) -> dict[str, Any]:
     """Entries for robot.yaml that the robot file itself does not give.
 
-    Masses: `total_mass_kg` over the hulls of the links' shapes, one density. Torque limits: 1.5
-    times what holding the arm and a tenth of its mass at the flange takes in the worst of 500
-    random poses, and reaching the speed in 0.3 s on top. Rotor
-    inertia at the joint: motors of 314 rad/s, 1e-4 kg·m² for each N·m. Errors: `RobotError`.
+    Masses: `total_mass_kg` over the hulls of the links' shapes, one density. Torque limits:
+    `estimated_torque_nm`. Rotor inertia at the joint: motors of 314 rad/s, 1e-4 kg·m² for each N·m.
+    Errors: `RobotError`.
     """
     if not 0.1 <= total_mass_kg <= 10_000:
         legal, fix = "0.1 to 10000 kg", "give the arm's mass of its data sheet"
@@ -58,8 +49,7 @@ def estimated_settings(
             "inertia_kg_m2": tensor[np.triu_indices(3)].tolist(),
         }
     robot = load_robot(urdf, package_path, {**given, "inertials": inertials})
-    load = Tool(LOAD * total_mass_kg, np.array([LOAD_AT_M, 0.0, LOAD_AT_M]))
-    return {"inertials": inertials, **_drives(robot.with_tool(load))}
+    return {"inertials": inertials, **_drives(robot)}
 
 
 def _hull(link: Any, file: str) -> trimesh.Trimesh | None:
@@ -79,12 +69,7 @@ def _hull(link: Any, file: str) -> trimesh.Trimesh | None:
 
 
 def _drives(robot: Robot) -> dict[str, Any]:
-    rng, data = np.random.default_rng(0), robot.model.createData()
-    q = rng.uniform(robot.q_lower_rad, robot.q_upper_rad, (SAMPLES, robot.num_joints))
-    hold = np.abs(robot.gravity_torque_nm(q)).max(axis=0)
-    mass = np.max([np.diag(pin.crba(robot.model, data, row)) for row in q], axis=0)
-    acceleration = robot.velocity_limit_rad_s / RAMP_S
-    torque = RESERVE * (hold + mass * acceleration)
+    acceleration, torque = robot.velocity_limit_rad_s / RAMP_S, estimated_torque_nm(robot)
     rotor = ROTOR_S2 * torque * MOTOR_RAD_S / robot.velocity_limit_rad_s
     return {
         "torque_limit_nm": torque.tolist(),

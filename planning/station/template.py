@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from dmoc.errors import DmocError, Fault, InputError
+from dmoc.robot.controller import controller_text
 from dmoc.robot.robot import Robot, available_robots, load_robot
 from planning.geometry.mesh import UNITS, load_mesh
 from planning.station.build import load_station
@@ -124,6 +125,8 @@ def copy_robot(robot: Robot, folder: Path, estimate: dict[str, Any] | None = Non
     if "flange" not in (yaml.safe_load(given) or {}):
         given += f"# The link that carries the tool.\nflange: {json.dumps(robot.flange)}\n"
     given += settings_text(estimate) if estimate else ""
+    if robot.controller is None and "# controller:" not in given:
+        given += controller_text(robot.num_joints)
     settings.write_text(given, encoding="utf-8", newline="\n")
     return target
 

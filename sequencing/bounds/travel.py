@@ -143,10 +143,10 @@ def _least(start: Array, rate: Array, inertia: Array, begin: Array, end: float) 
 def travel_bound(robot: Robot, cost: Cost, q_rad: Array) -> TravelBound | None:
     """Prepare the bound for the nodes `q_rad` (V, n); None where the theory does not apply.
 
-    It needs two joints, no matrices in the cost, and a price on effort.
+    It needs two joints that turn, as all do, no matrices in the cost, and a price on effort.
     """
     plain = cost.state_matrix is None and cost.torque_matrix is None
-    if robot.num_joints < 2 or not plain or cost.effort == 0:
+    if robot.num_joints < 2 or robot.slides.any() or not plain or cost.effort == 0:
         return None
     series = arm_series(robot)
     grid = cell_grid(robot, series.bearing)

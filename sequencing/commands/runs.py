@@ -30,13 +30,14 @@ def run_export(
 ) -> CommandResult:
     """Write controller files; limits that are exceeded refuse the export (exit 2)."""
     export = export_run(read_run(run_dir), format, out or run_dir / "export", step_s)
-    for path in export.files:
+    for path in (*export.files, *export.beside):
         console.show(f"wrote {path}")
     console.show(export.statement)
     return CommandResult(
         {
             "format": export.format,
             "files": [str(path) for path in export.files],
+            "beside": [str(path) for path in export.beside],
             "statement": export.statement,
             "max_deviation_rad": export.max_deviation_rad,
         }

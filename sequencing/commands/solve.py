@@ -66,8 +66,8 @@ def run_solve(
     warnings = [doubt.to_dict() for doubt in robot.description.warnings]
     data = _as_object(motion) | {"warnings": warnings, "cpu_s": time.process_time() - began}
     console.show(
-        f"{motion.status.value}: cost {motion.cost:.6g}, duration {motion.duration_s:.4g} s, "
-        f"{motion.iterations} iterations"
+        f"{motion.status.value}: cost {motion.cost:.6g}{_executed(motion)}, "
+        f"duration {motion.duration_s:.4g} s, {motion.iterations} iterations"
     )
     if not motion.status.ok:
         console.say(f"{motion.status.value}: {motion.status.advice} {motion.note}".rstrip())
@@ -78,6 +78,11 @@ def run_solve(
     return CommandResult(data, 0 if motion.status.ok else 3)
 
 
+def _executed(motion: Motion) -> str:
+    gap = motion.cost_gap
+    return "" if gap is None else f" (executed {motion.executed_cost:.6g}, {100 * gap:+.2f} %)"
+
+
 def _as_object(motion: Motion) -> dict[str, object]:
     trajectory = motion.trajectory
     names = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
@@ -86,6 +91,8 @@ def _as_object(motion: Motion) -> dict[str, object]:
         "status": motion.status.value,
         "advice": motion.status.advice,
         "cost": motion.cost,
+        "executed_cost": motion.executed_cost,
+        "cost_gap": motion.cost_gap,
         "duration_s": motion.duration_s,
         **arrays,
         "iterations": motion.iterations,

@@ -57,10 +57,10 @@ def _turned(fixed, axis, angle, out):  # type: ignore[no-untyped-def]
 @njit
 def _torques(arm, q, v, a, turns, state, load, still, moved):  # type: ignore[no-untyped-def]
     """Torques into still (n,), of gravity alone, and moved (n,), of the motion too."""
-    fixed, offset, axis, mass, moment, inertia, armature, gravity = arm
+    fixed, offset, axis, mass, moment, inertia, armature, gravity, track = arm
     n = len(q)
     for i in range(n):
-        _turned(fixed[i], axis[i], q[i], turns[i])
+        _turned(fixed[i], axis[i], 0.0 if track and i == 0 else q[i], turns[i])
         turn, p = turns[i], offset[i]
         if i == 0:  # the base stands, and gravity is an acceleration upwards
             gx, gy, gz = _into(turn, -gravity[0], -gravity[1], -gravity[2])
@@ -76,14 +76,17 @@ def _torques(arm, q, v, a, turns, state, load, still, moved):  # type: ignore[no
             lx, ly, lz = _into(turn, b[6] + ex + fx, b[7] + ey + fy, b[8] + ez + fz)
             wx, wy, wz = _into(turn, b[0], b[1], b[2])
             bx, by, bz = _into(turn, b[3], b[4], b[5])
-        ux, uy, uz = axis[i, 0] * v[i], axis[i, 1] * v[i], axis[i, 2] * v[i]
-        cx, cy, cz = _cross(wx, wy, wz, ux, uy, uz)
-        bx, by, bz = (
-            bx + cx + axis[i, 0] * a[i],
-            by + cy + axis[i, 1] * a[i],
-            bz + cz + axis[i, 2] * a[i],
-        )
-        wx, wy, wz = wx + ux, wy + uy, wz + uz
+        if track and i == 0:
+            lx, ly, lz = lx + axis[0, 0] * a[0], ly + axis[0, 1] * a[0], lz + axis[0, 2] * a[0]
+        else:
+            ux, uy, uz = axis[i, 0] * v[i], axis[i, 1] * v[i], axis[i, 2] * v[i]
+            cx, cy, cz = _cross(wx, wy, wz, ux, uy, uz)
+            bx, by, bz = (
+                bx + cx + axis[i, 0] * a[i],
+                by + cy + axis[i, 1] * a[i],
+                bz + cz + axis[i, 2] * a[i],
+            )
+            wx, wy, wz = wx + ux, wy + uy, wz + uz
         s, h, m = state[i], moment[i], mass[i]
         s[0], s[1], s[2], s[3], s[4], s[5] = wx, wy, wz, bx, by, bz
         s[6], s[7], s[8], s[9], s[10], s[11] = lx, ly, lz, gx, gy, gz
@@ -101,8 +104,10 @@ def _torques(arm, q, v, a, turns, state, load, still, moved):  # type: ignore[no
         f[9], f[10], f[11] = _cross(h[0], h[1], h[2], gx, gy, gz)
     for i in range(n - 1, -1, -1):
         f = load[i]
-        moved[i] = axis[i, 0] * f[3] + axis[i, 1] * f[4] + axis[i, 2] * f[5] + armature[i] * a[i]
-        still[i] = axis[i, 0] * f[9] + axis[i, 1] * f[10] + axis[i, 2] * f[11]
+        k = 0 if track and i == 0 else 3  # the force along a slide, else the moment
+        moved[i] = axis[i, 0] * f[k] + axis[i, 1] * f[k + 1] + axis[i, 2] * f[k + 2]
+        moved[i] += armature[i] * a[i]
+        still[i] = axis[i, 0] * f[k + 6] + axis[i, 1] * f[k + 7] + axis[i, 2] * f[k + 8]
         if i > 0:
             turn, p, b = turns[i], offset[i], load[i - 1]
             for k in (0, 6):
@@ -140,7 +145,7 @@ def line_sums(model: pin.Model, start: Array, goal: Array, rule: Array) -> Array
     """(K, 3): ∫|g|², 2∫g·u and ∫|u|² over straight lines between rows of start and goal (K, n).
 
     `rule` (M, 4) are weights, s, s', s'' of a time law at the points of a quadrature; u is the
-    torque of inertia that it needs in unit time. Chains of revolute joints.
+    torque of inertia that it needs in unit time. Joints turn; the first may slide.
     """
     joints = arm_model(model).joints
     n = len(joints)
@@ -153,6 +158,7 @@ def line_sums(model: pin.Model, start: Array, goal: Array, rule: Array) -> Array
         np.array([j.inertia for j in joints]).reshape(n, 3, 3),
         np.array([j.armature for j in joints]),
         np.array(arm_model(model).gravity),
+        not joints[0].revolute,
     )
     room = (
         *(np.zeros(n) for _ in range(5)),

@@ -34,6 +34,7 @@ _ARRAYS = ("t_s", "q_rad", "velocity_rad_s", "torque_nm")
 _NUMBER, _MAYBE = (int, float), (int, float, type(None))
 _SCALARS: dict[str, tuple[type, ...]] = {
     "cost": _NUMBER,
+    "executed_cost": _MAYBE,
     "smoothing_cost": _NUMBER,
     "iterations": (int,),
     "max_defect": _MAYBE,

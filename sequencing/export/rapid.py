@@ -1,56 +1,95 @@
-"""RAPID (ABB): the knots of the cycle as MoveAbsJ, in degrees."""
+"""RAPID (ABB): few MoveAbsJ with half zones and a time for each stretch, in degrees."""
 
 from __future__ import annotations
 
-import numpy as np
+import pinocchio as pin
 
 from dmoc.arrays import Array
-from dmoc.motion.trajectory import JointTrajectory
-from sequencing.export.wording import (
-    POINT_TO_POINT,
-    header_lines,
-    point_to_point,
-    program_name,
-    six_joints,
-)
-from sequencing.runs.folder import Run
+from sequencing.export.program import Program, load_of, tip_of, world_of
+from sequencing.export.wording import TIMED, header_lines, point_to_point, program_name
 
-_NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+_HOW = "\\NoEOffs,"
+_WITH = "dm_tool\\WObj:=dm_world;"
+#: Kept by the plant: written where it is not there.
+WELD_MODULE = """\
+MODULE dm_welds
+  ! Yours to fill; an export never writes over this file. Stud number and the planned time [s].
+  PROC dm_weld(num stud, num seconds)
+    WaitTime seconds;
+  ENDPROC
+ENDMODULE
+"""
 
 
-def rapid_program(run: Run) -> str:
-    r"""One module with one procedure; every move carries the planned time of its stretch in `\T`.
-
-    Points between are fly-by (z1), weld poses exact (fine). Even with `\T` the controller chooses
-    speeds inside a stretch, so torques are not preserved.
+def rapid_program(program: Program) -> str:
+    r"""One module with one procedure. Stretches take the time in `\T`; zones are larger than any
+    stretch, so that the controller cuts them to half of it; weld poses are exact (fine).
     """
-    six_joints(run, "RAPID")
+    run = program.run
+
+    def target(degrees: Array) -> str:
+        slides = program.controller.slides
+        arm, track = ([f"{x:.6f}" for x in degrees[kind]] for kind in (~slides, slides))
+        return f"[[{','.join(arm)}],[{','.join([*track, *['9E9'] * (6 - len(track))])}]]"
+
+    def moves(key: str, _: object) -> list[str]:
+        found = program.targets[key]
+        zones = ["dm_half"] * (len(found.times_s) - 1) + ["fine"]
+        angles = program.controller.degrees(found.q_rad[1:])
+        return [
+            f"    MoveAbsJ {target(q)}{_HOW} dm_speed\\T:={seconds:.6f}, {zone}, {_WITH}"
+            for q, seconds, zone in zip(angles, found.times_s, zones)
+        ]
+
     body = point_to_point(
         run,
         "    !",
-        lambda q: f"    MoveAbsJ {_target(q)}\\NoEOffs, v200, fine, tool0;",
-        _moves,
-        "    WaitTime {:.3f};",
+        lambda q: (
+            f"    MoveAbsJ {target(program.controller.degrees(q))}{_HOW} dm_approach, fine, {_WITH}"
+        ),
+        moves,
+        lambda weld: f"    dm_weld {program.numbers[weld.stud]}, {weld.time_s:.3f};",
     )
     name = program_name(run.name, "RAPID")
-    head = [f"  ! {line}" for line in header_lines(run, POINT_TO_POINT)]
-    return (
-        "\n".join(
-            [f"MODULE {name}", *head, f"  PROC run_{name[:24]}()", *body, "  ENDPROC", "ENDMODULE"]
-        )
-        + "\n"
-    )
+    lines = [
+        f"MODULE {name}",
+        *(f"  ! {line}" for line in (*header_lines(run, TIMED), *program.head())),
+        *_data(program),
+        f"  PROC run_{name[:24]}()",
+        *body,
+        "  ENDPROC",
+        "ENDMODULE",
+    ]
+    return "\n".join(lines) + "\n"
 
 
-def _moves(trajectory: JointTrajectory) -> list[str]:
-    lengths = np.diff(trajectory.t_s)
-    zones = ["z1"] * (len(lengths) - 1) + ["fine"]
+def _data(program: Program) -> list[str]:
+    """Tool with its load, the station's axes as work frame, speeds and zone."""
+    mass, centre, turn, moments = load_of(program.robot, program.controller)
+    load = [f"{max(mass, 0.001):.4f}", _list(1000 * centre), _quaternion(turn), *_each(moments)]
+    tip = _frame(tip_of(program.robot, program.controller))
+    frame = _frame(world_of(program.robot, program.controller))
     return [
-        f"    MoveAbsJ {_target(q)}\\NoEOffs, v1000\\T:={seconds:.4f}, {zone}, tool0;"
-        for q, seconds, zone in zip(trajectory.q_rad[1:], lengths, zones)
+        f"  PERS tooldata dm_tool := [TRUE,{tip},[{','.join(load)}]];",
+        f'  PERS wobjdata dm_world := [FALSE,TRUE,"",{frame},[[0,0,0],[1,0,0,0]]];',
+        "  CONST speeddata dm_approach := [200,30,200,30];",
+        "  CONST speeddata dm_speed := [5000,500,5000,1000];",
+        "  CONST zonedata dm_half := [FALSE,5000,5000,5000,360,5000,360];",
     ]
 
 
-def _target(q_rad: Array) -> str:
-    degrees = ",".join(f"{x:.6f}" for x in np.degrees(q_rad))
-    return f"[[{degrees}],{_NO_AXES}]"
+def _frame(pose: pin.SE3) -> str:
+    return f"[{_list(1000 * pose.translation)},{_quaternion(pose.rotation)}]"
+
+
+def _quaternion(rotation: Array) -> str:
+    x, y, z, w = pin.Quaternion(rotation).coeffs()
+    return "[" + ",".join(f"{value:.9f}" for value in (w, x, y, z)) + "]"
+
+
+def _each(values: Array) -> list[str]:
+    return [f"{x + 0.0:.4f}" for x in values]
+
+
+def _list(values: Array) -> str:
+    return "[" + ",".join(_each(values)) + "]"

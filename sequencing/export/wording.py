@@ -14,18 +14,20 @@ from sequencing.cycle_types import CycleMotion, Weld
 from sequencing.runs.clock import trajectory_of
 from sequencing.runs.folder import Run
 
-POINT_TO_POINT = (
-    "Point-to-point export does NOT preserve the planned timing and therefore not the planned "
-    "torques or energy: the controller makes its own speed profile between these points."
+TIMED = (
+    "Few targets with a time for each stretch: as modelled (see the head) they keep the planned "
+    "path and timing; a controller that blends otherwise changes torques and energy. "
+    "Point-to-point execution without these times does NOT preserve the planned torques."
+)
+CUBIC = (
+    "The knots of the plan as data, evaluated as a cubic on every control step: the planned "
+    "timing. The controller's own filtering (lookahead, gain) still changes torques a little. "
+    "Point-to-point execution of the same knots would not preserve the torque timing."
 )
 STREAMED = (
     "Streamed export keeps the planned timing up to the sampling step; the controller's own "
-    "filtering (lookahead, gain) still changes torques a little. Point-to-point export (movej, "
-    "MoveAbsJ, PTP) of the same points would not preserve the torque timing."
-)
-_SIGNS = (
-    "Joint angles follow the URDF of the planned robot: compare zero positions and signs with the "
-    "controller's, and try at reduced speed first."
+    "filtering (lookahead, gain) still changes torques a little. Point-to-point export of the same "
+    "points would not preserve the torque timing."
 )
 
 
@@ -37,7 +39,6 @@ def header_lines(run: Run, statement: str) -> list[str]:
         f"Station fingerprint {run.result['inputs']['station_fingerprint']}",
         f"{len(run.motions)} motions, {run.result['certified']} certified free of collision",
         statement,
-        _SIGNS,
     ]
     if assumed:
         lines.append("Planned with assumed values: " + ", ".join(assumed))
@@ -96,10 +97,10 @@ for _language, _longest, _words in (
 
 def program_name(text: str, language: str) -> str:
     """The name of a program and of its file: letters, digits, underscores, a letter first, no word
-    of the language, not longer than its controllers take."""
+    of the language, not longer than its controllers take, and none of our own (dm_…)."""
     longest, reserved = _LANGUAGES[language]
     name = re.sub(r"[^A-Za-z0-9_]", "_", text)
-    if not name or not name[0].isalpha() or name.lower() in reserved:
+    if not name[:1].isalpha() or name.lower() in reserved or name.lower().startswith("dm_"):
         name = "P_" + name
     name = name[:longest]
     # What is left of a long name could be a word again.
@@ -107,14 +108,17 @@ def program_name(text: str, language: str) -> str:
 
 
 def six_joints(run: Run, language: str) -> None:
-    """Refuse a robot that does not have the six joints that `language` can name."""
-    if len(run.joint_names) != 6:
+    """Refuse a robot that does not have the six turning joints that `language` can name, and at
+    most a track where it has external axes."""
+    tracks = 0 if run.robot is None else int(run.robot.slides.sum())
+    if len(run.joint_names) - tracks != 6 or (tracks and language == "URScript"):
         raise InputError.of(
             "export-joints",
             file=str(run.folder),
             field="robot.joint_names",
             value=str(len(run.joint_names)),
-            legal=f"6 joints for {language}",
+            legal=f"6 turning joints for {language}"
+            + ("" if language == "URScript" else ", and a track"),
             fix="use csv or ros for other arms",
         )
 
@@ -134,29 +138,30 @@ def point_to_point(
     run: Run,
     comment: str,
     first_move: Callable[[Array], str],
-    moves: Callable[..., list[str]],
-    wait: str,
+    moves: Callable[[str, JointTrajectory], list[str]],
+    weld: Callable[[Weld], str],
     after: Sequence[str] = (),
 ) -> list[str]:
     """Body of a program of single moves: to the first pose, then motions and welds in order.
 
-    `first_move` writes the move to a pose, `moves` those along a trajectory; `comment` begins a
-    comment, `wait` takes the weld's seconds, and `after` follows every motion.
+    `first_move` writes the move to a pose, `moves` those of a motion's key and trajectory;
+    `comment` begins a comment, `weld` calls the plant's routine, and `after` follows every motion.
     """
     body: list[str] = []
     for step in steps(run):
         if isinstance(step, Weld):
             if not body:
                 body.append(first_move(step.q_rad))
-            body += [
-                f"{comment} weld {ascii_text(step.stud)}: start the process here",
-                wait.format(step.time_s),
-            ]
+            body += [f"{comment} weld {ascii_text(step.stud)}", weld(step)]
             continue
         item, trajectory = step
         if not body:
             body.append(first_move(trajectory.q_rad[0]))
-        body += [f"{comment} motion {title(item)}", *moves(trajectory), f"{comment} end {item.key}"]
+        body += [
+            f"{comment} motion {title(item)}",
+            *moves(item.key, trajectory),
+            f"{comment} end {item.key}",
+        ]
         body += after
     return body
 

@@ -348,6 +348,7 @@ def _motion_of(
         source=entry["source"],
         trajectory=trajectory,
         cost=float("inf") if entry["cost"] is None else entry["cost"],
+        executed_cost=entry.get("executed_cost"),
         smoothing_cost=entry["smoothing_cost"] or 0.0,
         iterations=entry["iterations"],
         max_defect=entry["max_defect"],

@@ -107,7 +107,8 @@ def forget_pages(out: Path) -> None:
     for name in _PAGES:
         (out / name).unlink(missing_ok=True)
     for path in sorted((out / "export").glob("*")):
-        if path.suffix in _PROGRAMS and path.is_file():
+        own = path.stem in ("dm_weld", "dm_welds")  # the plant's routines
+        if path.suffix in _PROGRAMS and path.is_file() and not own:
             path.unlink()
 
 

@@ -195,6 +195,7 @@ def table_shares(result: Result) -> str:
                 _clearances(item),
                 number(item["duration_s"], 2),
                 number(item["cost"], 2),
+                _percent(item.get("cost_gap")),
                 *(number(shares.get(name), 2) for name in names),
             ]
         )
@@ -206,12 +207,21 @@ def table_shares(result: Result) -> str:
             "",
             number(sum(m["duration_s"] or 0.0 for m in result["motions"]), 2),
             number(total, 2),
+            "",
             *(number(sums[name], 2) for name in names),
         ]
     )
     if total > 0:
         rows.append(
-            ["**share %**", "", "", "", "100.0", *(number(100 * sums[n] / total) for n in names)]
+            [
+                "**share %**",
+                "",
+                "",
+                "",
+                "100.0",
+                "",
+                *(number(100 * sums[n] / total) for n in names),
+            ]
         )
     header = [
         "motion",
@@ -219,6 +229,7 @@ def table_shares(result: Result) -> str:
         "clearance mm, proven / seen",
         "time s",
         "J",
+        "executed %",
         "J time",
         "J effort",
         "J velocity",
@@ -228,6 +239,11 @@ def table_shares(result: Result) -> str:
         f"{key} {value:g}" for key, value in cost.items() if isinstance(value, float)
     )
     return markdown_table(header, rows) + f"\n\nWeights ({cost['kind']}): {weights}."
+
+
+def _percent(share: float | None) -> str:
+    """How much more or less than J the executed curve costs; of older runs nothing is known."""
+    return number(None) if share is None else f"{100 * share:+.2f}"
 
 
 def _clearances(item: Result) -> str:

@@ -14,9 +14,9 @@ from dmoc.robot.robot import Robot
 from planning.collision.world import CollisionWorld
 from sequencing.cycle_types import CycleMotion
 from sequencing.export.exporting import export_run
+from sequencing.export.readers import read_log, read_urscript
 from sequencing.runs.folder import write_motions
 from studies.ur3.bezier_motion import BezierMotion
-from studies.ur3.readers import read_log, read_urscript
 
 #: The paper's two update rates.
 SERVOJ_STEPS_S = (0.008, 0.08)

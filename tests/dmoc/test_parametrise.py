@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from dmoc.curves.blended_path import blend_corners
 from dmoc.curves.time_scaling import best_slowdown, slowdown_coefficients, time_scale
+from dmoc.motion.constraints import MotionLimits
 from dmoc.motion.cost import Cost
 from dmoc.motion.motion import MotionProblem
 from dmoc.motion.trajectory import JointPath, JointTrajectory, inverse_dynamics
@@ -52,6 +53,28 @@ def test_a_pinned_corner_is_passed_closely():
     gap = np.linalg.norm(blended.evaluate(s)[0][:, None] - CORNERS[None], axis=2).min(axis=0)
     assert gap[1] <= 1.01e-3
     assert gap[2] > 0.05
+
+
+@pytest.mark.parametrize("law", ["quintic", "toppra"])
+def test_a_jerk_limit_slows_either_law_down(arm, law):
+    path, problem = JointPath(CORNERS), MotionProblem(arm, CORNERS[0], CORNERS[-1])
+    free = time_scale(path, problem, laws=(law,))
+    limit = 20.0
+    limits = MotionLimits(jerk_limit_rad_s3=limit)
+    slow = time_scale(path, problem.replace(limits=limits), laws=(law,))
+    jerk = []
+    for timed in (free, slow):
+        t, v = timed.trajectory.t_s, timed.trajectory.velocity_rad_s
+        middle = np.concatenate([t[:1], (t[1:] + t[:-1]) / 2, t[-1:]])
+        mean = np.zeros((len(t) + 1, 2))
+        mean[1:-1] = np.diff(v, axis=0) / np.diff(t)[:, None]
+        apart = np.diff(middle)
+        apart[[0, -1]] *= 2
+        jerk.append(np.abs(np.diff(mean, axis=0) / apart[:, None]).max())
+    assert jerk[0] > limit >= jerk[1] * (1 - 1e-9)
+    assert jerk[1] > 0.99 * limit
+    assert slow.within_limits
+    assert slow.cost > free.cost
 
 
 def test_repeated_points_do_no_harm():

@@ -205,7 +205,7 @@ def test_continuous_joints_get_two_turns(tmp_path):
 
 
 def test_a_sliding_axis_in_the_arm_is_refused(tmp_path):
-    refused(write(tmp_path, joint("j1", "base", "l1", "prismatic"), without=("j1",)), "joint-type")
+    refused(write(tmp_path, joint("j2", "l1", "l2", "prismatic"), without=("j2",)), "joint-type")
 
 
 def mesh_link(name, scale=""):
@@ -333,8 +333,8 @@ def test_dynamics_are_estimated_for_a_file_without_any(tmp_path):
     bare = [part.replace(BODY, "").replace('effort="90"', 'effort="0"') for part in PARTS]
     path = tmp_path / "arm.urdf"
     path.write_text(f'<robot name="arm">{"".join(bare)}</robot>')
-    faults = refused(path, "limit-effort", "mass-zero")
-    assert "--total-mass" in faults[1].fix
+    (fault,) = refused(path, "mass-zero")
+    assert "--total-mass" in fault.fix
     entries = estimated_settings(path, 30.0)
     (tmp_path / "robot.yaml").write_text(settings_text(entries))
     robot = load_robot(path)
@@ -353,3 +353,25 @@ def test_dynamics_are_estimated_for_a_file_without_any(tmp_path):
     assert {fault.field for fault in refused(path, *["robot-value"] * 3, "mass-zero")} >= {
         "inertials.l1"
     }
+
+
+@pytest.mark.parametrize("effort", ['effort="0"', ""])
+def test_torque_limits_that_nobody_gave_are_put_in_by_name(tmp_path, effort):
+    path = tmp_path / "arm.urdf"
+    parts = [part.replace('effort="90"', effort, 1) for part in PARTS]
+    path.write_text(f'<robot name="arm">{"".join(parts)}</robot>')
+    robot, given = load_robot(path), load_robot(write(tmp_path, name="given.urdf"))
+    (warning,) = (w for w in robot.description.warnings if w.code == "torque-assumed")
+    assert warning.field == "torque_limit_nm"
+    assert robot.provenance["torque_limit_nm"] == "assumed"
+    named = [
+        name
+        for name in list(robot.model.names)[1:]
+        if f"{name}," in f"{warning.value},".replace(";", ",")
+    ]
+    changed = robot.torque_limit_nm != given.torque_limit_nm
+    assert len(named) == changed.sum() > 0
+    poses = np.random.default_rng(1).uniform(robot.q_lower_rad, robot.q_upper_rad, (50, 3))
+    hold = np.abs(robot.gravity_torque_nm(poses)).max(axis=0)
+    assert np.all(robot.torque_limit_nm[changed] >= hold[changed])
+    assert f"{robot.torque_limit_nm[changed][0]:.3g}" in warning.value

@@ -64,7 +64,7 @@ BAD = {
     "no limit": (r"<limit [^>]*/>", "", "limit-missing"),
     "zero axis": (r'<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "axis-zero"),
     "short axis": (r'<axis xyz="0 0 1"/>', '<axis xyz="0 1"/>', "urdf-number"),
-    "zero effort": (r'effort="14000"', 'effort="0"', "limit-effort"),
+    "negative effort": (r'effort="14000"', 'effort="-1"', "limit-effort"),
     "zero speed": (r'velocity="1.7[^"]*"', 'velocity="0"', "limit-velocity"),
     "millimetres": (r'xyz="0 0 1.075"', 'xyz="0 0 1075"', "urdf-unit"),
     "infinite offset": (r'xyz="0 0 1.075"', 'xyz="0 0 inf"', "urdf-number"),
@@ -134,7 +134,7 @@ def test_bad_urdf_is_named(tmp_path, name):
 
 
 def test_faults_carry_their_line_and_come_all_at_once(tmp_path):
-    text = sub('xyz="0 0 1.075"', 'xyz="0 0 1075"').replace('effort="14000"', 'effort="0"')
+    text = sub('xyz="0 0 1.075"', 'xyz="0 0 1075"').replace('effort="14000"', 'effort="-1"')
     (tmp_path / "arm.urdf").write_text(text)
     with pytest.raises(RobotError) as caught:
         load_robot(tmp_path / "arm.urdf")
@@ -142,7 +142,7 @@ def test_faults_carry_their_line_and_come_all_at_once(tmp_path):
     faults = {fault.code: fault for fault in caught.value.faults}
     assert "1075" in lines[faults["urdf-unit"].line - 1]
     assert faults["urdf-unit"].field == "joint joint_3.origin.xyz"
-    assert 'effort="0"' in lines[faults["limit-effort"].line - 1]
+    assert 'effort="-1"' in lines[faults["limit-effort"].line - 1]
 
 
 def test_a_chain_of_20000_links_is_refused(tmp_path):

@@ -14,48 +14,27 @@ from tests.planning.test_engines import Pair, random_pose, random_shape
 
 
 @njit
-def overlap_depth(info, size, verts, near_start, near, pose, a, b, grown, out, normal):
+def overlap_depth(solids, pose, a, b, grown, out, normal):
     """The inner kernel, called from Python."""
-    inner.overlap_depth(info, size, verts, near_start, near, pose, a, b, grown, out, normal)
+    inner.overlap_depth(solids, pose, a, b, grown, out, normal)
 
 
 @njit
-def signed_distance(
-    info, size, verts, near_start, near, pose, a, b, axis, above, s, grown, out, normal
-):
+def signed_distance(solids, pose, a, b, axis, above, s, grown, out, normal):
     """The inner kernel, called from Python."""
-    return inner.signed_distance(
-        info, size, verts, near_start, near, pose, a, b, axis, above, s, grown, out, normal
-    )
+    return inner.signed_distance(solids, pose, a, b, axis, above, s, grown, out, normal)
 
 
 def depth(pair: Pair) -> tuple[np.ndarray, np.ndarray]:
     out, normal = np.full(8, np.nan), np.full(3, np.nan)
-    s = pair.solids
-    overlap_depth(
-        s.info,
-        s.size,
-        s.verts,
-        s.near_start,
-        s.near,
-        pair.pose,
-        0,
-        1,
-        inner.grown_workspace(),
-        out,
-        normal,
-    )
+    overlap_depth(pair.solids, pair.pose, 0, 1, inner.grown_workspace(), out, normal)
     return out, normal
 
 
 def signed(pair: Pair) -> tuple[float, np.ndarray]:
-    out, normal, s = np.empty(8), np.empty(3), pair.solids
+    out, normal = np.empty(8), np.empty(3)
     assert signed_distance(
-        s.info,
-        s.size,
-        s.verts,
-        s.near_start,
-        s.near,
+        pair.solids,
         pair.pose,
         0,
         1,

@@ -41,22 +41,7 @@ class Pair:
 
     def kernel(self, above: float = 1e9, below: float = -1e9) -> tuple[int, np.ndarray, np.ndarray]:
         out, axis = np.zeros(8), np.zeros(3)
-        s = self.solids
-        status = gjk(
-            s.info,
-            s.size,
-            s.verts,
-            s.near_start,
-            s.near,
-            self.pose,
-            0,
-            1,
-            axis,
-            above,
-            below,
-            np.zeros((4, 15)),
-            out,
-        )
+        status = gjk(self.solids, self.pose, 0, 1, axis, above, below, np.zeros((4, 15)), out)
         return status, out, axis
 
     def points(self, i: int) -> np.ndarray:

@@ -48,11 +48,10 @@ def test_poses_and_point_gradients_match_pinocchio() -> None:
             found = np.zeros(model.nv)
             point_gradient(
                 out,
-                chain.info,
-                chain.above,
+                chain,
                 j,
-                *(data.oMi[j].translation + arm),
-                *normal,
+                data.oMi[j].translation + arm,
+                normal,
                 2.0,
                 found,
             )

@@ -14,11 +14,20 @@ from dmoc.motion.cost import Cost
 from dmoc.motion.motion import Motion
 from dmoc.motion.status import Status
 from dmoc.motion.trajectory import JointTrajectory
+from dmoc.robot.controller import controller_from_mapping
 from sequencing.cycle_types import CycleMotion
 from sequencing.export.exporting import EXPORT_FORMATS, export_run
+from sequencing.export.program import program_of
+from sequencing.export.readers import (
+    read_cubics,
+    read_krl,
+    read_log,
+    read_rapid,
+    read_ros,
+    read_urscript,
+)
 from sequencing.export.wording import _LANGUAGES
 from sequencing.runs.folder import read_run, write_motions, write_run
-from studies.ur3.readers import read_krl, read_log, read_rapid, read_ros, read_urscript
 
 
 def run_of(folder, cycle):
@@ -31,15 +40,127 @@ def run(tmp_path_factory):
     return run_of(tmp_path_factory.mktemp("export"), sample_cycle())
 
 
-@pytest.mark.parametrize(
-    ("format", "read"), [("rapid", read_rapid), ("krl", read_krl)], ids=["rapid", "krl"]
-)
-def test_point_to_point_programs_read_back_to_the_knots(run, tmp_path, format, read):
-    (path,) = export_run(run, format, tmp_path).files
-    found = read(path)
+def lines_with_ramps(points, times, share):
+    """Straight lines in joint space, speeds changed evenly over 2 · share of a stretch: integrated
+    from the accelerations, as a controller would. Times and positions."""
+    step = times[1] if len(times) > 2 else times[0] / 1.5 if len(times) == 2 else times[0] / 2
+    speeds = np.diff(points, axis=0) / step
+    speeds = np.vstack([np.zeros((1, 6)), speeds, np.zeros((1, 6))])
+    ramp = 2 * share * step
+    # A ramp is centred on its target; the first and the last lie at rest beside theirs.
+    centres = ramp / 2 + np.arange(len(points)) * step
+    clock = np.linspace(0, centres[-1] + ramp / 2, 40001)
+    rise = np.clip((clock[:, None] - centres + ramp / 2) / ramp, 0, 1)
+    speed = rise @ np.diff(speeds, axis=0)
+    moved = np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(clock)[:, None], axis=0)
+    return clock, points[0] + np.vstack([np.zeros((1, 6)), moved])
+
+
+def test_rapid_read_back_and_interpolated_is_the_motion(run, tmp_path):
+    export = export_run(run, "rapid", tmp_path)
+    found = read_rapid(export.files[0])
     assert set(found) == set(run.trajectories)
-    for key, trajectory in run.trajectories.items():
-        np.testing.assert_allclose(found[key], trajectory.q_rad[1:], atol=1e-6)
+    assert sum(len(move.times_s) for move in found.values()) < 16 * len(found)
+    worst = 0.0
+    for key, plan in run.trajectories.items():
+        move = found[key]
+        assert move.exact.tolist() == [False] * (len(move.exact) - 1) + [True]
+        assert move.times_s.sum() == pytest.approx(plan.duration_s, abs=1e-5)
+        points = np.vstack([plan.q_rad[:1], np.radians(move.degrees)])
+        clock, q = lines_with_ramps(points, move.times_s, 0.5)
+        np.testing.assert_allclose(q[-1], plan.q_rad[-1], atol=1e-6)
+        worst = max(worst, np.abs(q - plan.sample(clock).q_rad).max())
+    assert worst == pytest.approx(export.max_deviation_rad, rel=0.02)
+    assert worst <= 2.1e-3
+
+
+def test_krl_read_back_is_the_motion_at_equal_times(run, tmp_path):
+    (path,) = export_run(run, "krl", tmp_path).files
+    for key, move in read_krl(path).items():
+        plan = run.trajectories[key]
+        times = np.cumsum(move.times_s)
+        assert times[-1] == pytest.approx(plan.duration_s, abs=1e-5)
+        np.testing.assert_allclose(np.radians(move.degrees), plan.sample(times).q_rad, atol=1e-5)
+
+
+def test_the_cubics_of_a_urscript_are_the_plan(run, tmp_path):
+    (path,) = export_run(run, "urscript", tmp_path).files
+    for key, (times, q, v) in read_cubics(path).items():
+        plan = run.trajectories[key]
+        again = JointTrajectory(times, q, v, plan.torque_nm)
+        clock = np.linspace(0, plan.duration_s, 500)
+        error = again.sample(clock).q_rad - plan.sample(clock).q_rad
+        assert np.abs(error).max() < 1e-7
+
+
+@pytest.mark.parametrize("share", [0.01, 0.2, 0.35, 0.5])
+def test_every_zone_share_stays_in_the_proven_pieces(run, share):
+    """What a controller with smaller zones does lies, corner by corner, on the piece's curve."""
+    targets = program_of(run, "zones", "abb", "RAPID").targets["m001"]
+    _, q = lines_with_ramps(targets.q_rad, targets.times_s, share)
+    pieces = [piece.curve(share) for piece in targets.pieces]
+    own = np.vstack([c.sample(np.linspace(c.t_s[0], c.t_s[-1], 2000)).q_rad for c in pieces])
+    for row in q[:: len(q) // 60]:
+        assert np.abs(own - row).max(axis=1).min() < 1e-3
+    middle = [piece.curve(0.25) for piece in targets.pieces]
+    for piece, mid, other in zip(targets.pieces, middle, pieces):
+        clock = np.linspace(0, 1, 50)
+        at = [c.sample(c.t_s[0] + clock * c.duration_s).q_rad for c in (mid, other)]
+        far = np.abs(at[0][:, None] - at[1][None]).max(axis=2).min(axis=1).max()
+        assert far <= piece.rate.max() * abs(share - 0.25) + 2e-3
+
+
+def mapped(run, **section):
+    controller = controller_from_mapping({"vendor": "any", "coupling": "none", **section}, 6)
+    return replace(run, robot=replace(run.robot, controller=controller))
+
+
+@pytest.mark.parametrize("coupling", ["none", "plus_axis_2", "minus_axis_2"])
+def test_programs_speak_the_controllers_angles(run, tmp_path, coupling):
+    sign, offset = [-1, 1, 1, -1, 1, -1], [0, -90, 90, 0, 0, 0]
+    ours = mapped(run, sign=sign, offset_deg=offset, coupling=coupling)
+    (plain,), (path,) = (
+        export_run(r, "rapid", tmp_path / n).files for r, n in ((run, "a"), (ours, "b"))
+    )
+    turn = {"none": 0, "plus_axis_2": 1, "minus_axis_2": -1}[coupling]
+    for key, move in read_rapid(path).items():
+        wanted = read_rapid(plain)[key].degrees * sign + offset
+        wanted[:, 2] += turn * wanted[:, 1]
+        np.testing.assert_allclose(move.degrees, wanted, atol=1e-5)
+        again = ours.robot.controller.radians(move.degrees)
+        np.testing.assert_allclose(again, np.radians(read_rapid(plain)[key].degrees), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "format", "word"),
+    [
+        (None, "rapid", "nothing says"),
+        ({"vendor": "kuka"}, "rapid", "kuka"),
+        ({"home": {"urdf_deg": [0] * 6, "controller_deg": [0, 0, 5, 0, 0, 0]}}, "krl", "misses"),
+        ({"limits_deg": [[-10, 10]] * 6}, "urscript", "deg"),
+    ],
+)
+def test_without_a_right_map_there_is_no_program(run, tmp_path, change, format, word):
+    other = mapped(run, **change) if change else run
+    if not change:
+        other = replace(run, robot=replace(run.robot, controller=None, name="other"))
+    with pytest.raises(InputError) as caught:
+        export_run(other, format, tmp_path / "out")
+    (fault,) = caught.value.faults
+    assert fault.code in ("export-controller", "export-target")
+    assert word in fault.value
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_plants_weld_routine_is_kept(run, tmp_path):
+    export_run(run, "urscript", tmp_path)
+    routine = tmp_path / "dm_weld.script"
+    routine.write_text("def dm_weld(stud, seconds):\n  set_digital_out(3, True)\nend\n")
+    export = export_run(run, "urscript", tmp_path)
+    assert "set_digital_out(3, True)" in export.files[0].read_text()
+    calls = re.findall(r"^  dm_weld\((\d+), ([\d.]+)\)$", export.files[0].read_text(), re.M)
+    assert calls == [(w.stud[1:], f"{w.time_s:.6f}") for w in run.welds]
+    assert "set_digital_out" in routine.read_text()
 
 
 @pytest.mark.parametrize("step_s", [0.002, 0.008, 0.08])
@@ -192,7 +313,7 @@ def test_trajectories_without_a_station_are_exported_too(tmp_path):
         for k, curve in enumerate(curves)
     ]
     run = write_motions("ur3 study", robot, motions, Cost(), tmp_path, seed=0)
-    (path,) = export_run(run, "urscript", tmp_path).files
+    (path,) = export_run(run, "urscript", tmp_path, 0.008).files
     assert path.name == "ur3_study.script"
     assert "0 certified" in path.read_text()
     np.testing.assert_allclose(read_urscript(path)["m001"][-1], np.zeros(6), atol=1e-7)

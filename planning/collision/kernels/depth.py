@@ -46,29 +46,14 @@ def grown_workspace() -> Grown:
 
 @njit(plain=True, inner=True)
 def _corner(
-    info: Any,
-    size: Any,
-    verts: Any,
-    near_start: Any,
-    near: Any,
-    pose: Any,
-    a: int,
-    b: int,
-    nx: float,
-    ny: float,
-    nz: float,
-    row: Any,
+    solids: Any, pose: Any, a: int, b: int, nx: float, ny: float, nz: float, row: Any
 ) -> float:
     """The point of A − B farthest along n, as w, a, b in `row` (9,); returns n·w."""
     no_hint = np.int64(-1)
     for side in range(2):
         p, sign = (a, 1.0) if side == 0 else (b, -1.0)
         x, y, z, _ = support(
-            info,
-            size,
-            verts,
-            near_start,
-            near,
+            solids,
             p,
             sign * (pose[p, 0] * nx + pose[p, 3] * ny + pose[p, 6] * nz),
             sign * (pose[p, 1] * nx + pose[p, 4] * ny + pose[p, 7] * nz),
@@ -102,19 +87,7 @@ def _plane(w: Any, i: int, k: int, m: int, face: Any) -> bool:
 
 
 @njit(plain=True, inner=True)
-def _first_simplex(
-    info: Any,
-    size: Any,
-    verts: Any,
-    near_start: Any,
-    near: Any,
-    pose: Any,
-    a: int,
-    b: int,
-    w: Any,
-    spare: Any,
-    face: Any,
-) -> bool:
+def _first_simplex(solids: Any, pose: Any, a: int, b: int, w: Any, spare: Any, face: Any) -> bool:
     """Four corners far apart in rows 0–3; False if A − B is flat, with its normal in `face`."""
     ex = ey = ez = ux = uy = uz = vx = vy = vz = dx = dy = dz = 0.0
     widest, farthest, highest, low = -1.0, -1.0, -1.0, 0.0
@@ -137,7 +110,7 @@ def _first_simplex(
         else:
             dx, dy, dz = sign * face[0], sign * face[1], sign * face[2]
         row = spare[step % 2]
-        high = _corner(info, size, verts, near_start, near, pose, a, b, dx, dy, dz, row)
+        high = _corner(solids, pose, a, b, dx, dy, dz, row)
         if step < 6:
             if step % 2 == 0:
                 low = high
@@ -183,18 +156,11 @@ def _first_simplex(
 
 @njit(plain=True, inner=True)
 def _witness(
-    w: Any,
-    i: int,
-    k: int,
-    m: int,
-    face: Any,
-    margin_a: float,
-    margin_b: float,
-    high: float,
-    out: Any,
-    normal: Any,
+    w: Any, corner: Any, face: Any, margins: tuple[float, float], high: float, out: Any, normal: Any
 ) -> None:
     """Distance, nearest points and normal from the face whose support is `high`."""
+    i, k, m = corner[0], corner[1], corner[2]
+    margin_a, margin_b = margins
     px, py, pz = face[0] * face[3], face[1] * face[3], face[2] * face[3]
     # Areas of the triangles that the origin's projection makes with the edges, as weights.
     total = 0.0
@@ -227,17 +193,7 @@ def _witness(
 
 @njit(plain=True, inner=True)
 def overlap_depth(
-    info: Any,
-    size: Any,
-    verts: Any,
-    near_start: Any,
-    near: Any,
-    pose: Any,
-    a: int,
-    b: int,
-    grown: Any,
-    out: Any,
-    normal: Any,
+    solids: Any, pose: Any, a: int, b: int, grown: Any, out: Any, normal: Any
 ) -> None:
     """Signed distance of overlapping pieces a, b [m], as `gjk` writes it.
 
@@ -247,8 +203,8 @@ def overlap_depth(
     """
     w, spare, corner = grown.points, grown.spare, grown.corner
     face, edge = grown.face, grown.edge
-    margin_a, margin_b = size[a, 5], size[b, 5]
-    flat = not _first_simplex(info, size, verts, near_start, near, pose, a, b, w, spare, face[0])
+    margins = (solids.size[a, 5], solids.size[b, 5])
+    flat = not _first_simplex(solids, pose, a, b, w, spare, face[0])
     zero: Any = np.int64(0)
     points, faces = 4, 0
     if flat:
@@ -272,37 +228,13 @@ def overlap_depth(
         for other in range(1, faces):
             if face[other, 3] < face[f, 3]:
                 f = other
-        high = _corner(
-            info,
-            size,
-            verts,
-            near_start,
-            near,
-            pose,
-            a,
-            b,
-            face[f, 0],
-            face[f, 1],
-            face[f, 2],
-            w[points],
-        )
+        high = _corner(solids, pose, a, b, face[f, 0], face[f, 1], face[f, 2], w[points])
         if flat:
             face[f, 3] = high
             corner[f, 0] = corner[f, 1] = corner[f, 2] = points
         if high < best:
             best = high
-            _witness(
-                w,
-                corner[f, 0],
-                corner[f, 1],
-                corner[f, 2],
-                face[f],
-                margin_a,
-                margin_b,
-                high,
-                out,
-                normal,
-            )
+            _witness(w, corner[f], face[f], margins, high, out, normal)
         if flat and points == 4:
             points += 1
             continue
@@ -345,11 +277,7 @@ def overlap_depth(
 
 @njit(plain=True, inner=True)
 def signed_distance(
-    info: Any,
-    size: Any,
-    verts: Any,
-    near_start: Any,
-    near: Any,
+    solids: Any,
     pose: Any,
     a: int,
     b: int,
@@ -365,7 +293,7 @@ def signed_distance(
     `axis` and `s` are those of `gjk`, `grown`, `out` and `normal` those of `overlap_depth`. Where
     the bounds of `gjk` do not meet, the larger of the two lower bounds stands.
     """
-    status = gjk(info, size, verts, near_start, near, pose, a, b, axis, above, -1e300, s, out)
+    status = gjk(solids, pose, a, b, axis, above, -1e300, s, out)
     if status == FAR:
         return False
     for c in range(3):
@@ -373,7 +301,7 @@ def signed_distance(
     if status == SOLVED:
         return True
     lower = out[7]
-    overlap_depth(info, size, verts, near_start, near, pose, a, b, grown, out, axis)
+    overlap_depth(solids, pose, a, b, grown, out, axis)
     if status == HIT or out[0] >= lower:
         for c in range(3):
             normal[c] = axis[c]

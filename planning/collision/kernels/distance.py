@@ -31,18 +31,11 @@ SCAN = 12
 
 @njit(plain=True, inner=True)
 def support(
-    info: Any,
-    size: Any,
-    verts: Any,
-    near_start: Any,
-    near: Any,
-    p: int,
-    dx: float,
-    dy: float,
-    dz: float,
-    hint: int,
+    solids: Any, p: int, dx: float, dy: float, dz: float, hint: int
 ) -> tuple[float, float, float, int]:
     """The point of core p farthest along d, both in the piece's frame; vertex found last."""
+    info, size, verts = solids.info, solids.size, solids.verts
+    near_start, near = solids.near_start, solids.near
     kind = info[p, 1]
     if kind == 1:
         return (
@@ -142,11 +135,7 @@ def _ball_box(pose: Any, size: Any, p: int, dx: float, dy: float, dz: float) -> 
 
 @njit(plain=True)
 def gjk(
-    info: Any,
-    size: Any,
-    verts: Any,
-    near_start: Any,
-    near: Any,
+    solids: Any,
     pose: Any,
     a: int,
     b: int,
@@ -162,7 +151,7 @@ def gjk(
     one on return; `s` (4, 15) is workspace; `out` (8,) gets the distance, the nearest points of
     a (3) and b (3) in the world, and the lower bound. The unit normal from a to b is −axis.
     """
-    margin_a, margin_b = size[a, 5], size[b, 5]
+    margin_a, margin_b = solids.size[a, 5], solids.size[b, 5]
     margin = margin_a + margin_b
     vx, vy, vz = axis[0], axis[1], axis[2]
     if vx * vx + vy * vy + vz * vz < 1e-24:
@@ -188,11 +177,7 @@ def gjk(
         for side in range(2):
             p, sign = (a, -1.0) if side == 0 else (b, 1.0)
             x, y, z, hint = support(
-                info,
-                size,
-                verts,
-                near_start,
-                near,
+                solids,
                 p,
                 sign * (pose[p, 0] * vx + pose[p, 3] * vy + pose[p, 6] * vz),
                 sign * (pose[p, 1] * vx + pose[p, 4] * vy + pose[p, 7] * vz),

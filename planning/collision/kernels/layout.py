@@ -65,3 +65,20 @@ class Work(NamedTuple):
     axes: Array  # (M, 3)
     bound: Array  # (M,)
     order: Ints  # (M,)
+
+
+class Query(NamedTuple):
+    """A scene as one question looks at it: what every kernel of `queries`, `contact`, `segment` and
+    `proof` is handed. No kernel reads of its workspace what the same call has not written.
+    """
+
+    chain: JointTable
+    solids: Solids
+    pose: Array  # (P, 15), workspace in which the poses of the standing pieces are filled in
+    moving: int  # pieces that move; they come first
+    tip: Array  # (4,) joint and position in it of the tool tip
+    work: Work
+    pairs: Pairs
+    lines: Array  # (L, 8) start, direction, length and stray of departure lines
+    exempt: npt.NDArray[np.bool_]  # (L, M) the pairs a tip inside the tube of a line may ignore
+    inside: npt.NDArray[np.bool_]  # (L,) workspace for whether it is

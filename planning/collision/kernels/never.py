@@ -35,10 +35,8 @@ def never_touch(
     `most_cells` cells do not suffice: the pair then stays among those that are checked.
     `stack` (256, 2, n) is workspace.
     """
-    info, size, verts = solids.info, solids.size, solids.verts
-    near_start, near = solids.near_start, solids.near
     n = lower.shape[0]
-    ja, jb = info[a, 0], info[b, 0]
+    ja, jb = solids.info[a, 0], solids.info[b, 0]
     joints, s, out, axis = work.joints, work.s, work.out, work.axis
     ra, rb, q, delta = work.reach[a], work.reach[b], work.q, work.delta
     for c in range(3):
@@ -60,19 +58,13 @@ def never_touch(
             q[j], delta[j] = stack[depth, 0, j], stack[depth, 1, j]
         joint_poses(chain.info, chain.frame, q, joints)
         for p in (a, b):
-            place_piece(joints, info[p, 0], solids.frame, solids.size, p, pose)
-            for r in range(3):
-                pose[p, 12 + r] = pose[p, 9 + r] + (
-                    pose[p, 3 * r] * size[p, 6]
-                    + pose[p, 3 * r + 1] * size[p, 7]
-                    + pose[p, 3 * r + 2] * size[p, 8]
-                )
-        reach_of_piece(joints, chain.info, chain.above, ja, pose, size, a, ra)
-        reach_of_piece(joints, chain.info, chain.above, jb, pose, size, b, rb)
+            place_piece(joints, solids, p, pose)
+        reach_of_piece(joints, chain, solids, pose, a, ra)
+        reach_of_piece(joints, chain, solids, pose, b, rb)
         need = least + relative_motion(chain.above, ja, jb, ra, rb, delta)
-        if clearly_farther(pose, size, a, b, need):
+        if clearly_farther(pose, solids.size, a, b, need):
             continue
-        status = gjk(info, size, verts, near_start, near, pose, a, b, axis, need, -1e300, s, out)
+        status = gjk(solids, pose, a, b, axis, need, -1e300, s, out)
         if status == FAR or out[7] > need:
             continue
         if out[7] <= least:

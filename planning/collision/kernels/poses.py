@@ -48,8 +48,9 @@ def joint_poses(info: Any, frame: Any, q: Any, out: Any) -> None:
 
 
 @njit(plain=True, inner=True)
-def place_piece(joints: Any, j: int, frame: Any, size: Any, p: int, pose: Any) -> None:
+def place_piece(joints: Any, solids: Any, p: int, pose: Any) -> None:
     """T_world_piece = T_world_joint T_joint_piece into `pose[p]`; 12:15 get the ball's centre."""
+    j, frame, size = solids.info[p, 0], solids.frame, solids.size
     for r in range(3):
         a, b, c = joints[j, 3 * r], joints[j, 3 * r + 1], joints[j, 3 * r + 2]
         for k in range(3):
@@ -63,28 +64,19 @@ def place_piece(joints: Any, j: int, frame: Any, size: Any, p: int, pose: Any) -
 
 
 @njit(plain=True, inner=True)
-def place_pieces(joints: Any, info: Any, frame: Any, size: Any, moving: int, pose: Any) -> None:
+def place_pieces(joints: Any, solids: Any, moving: int, pose: Any) -> None:
     """Poses of pieces 0 … moving−1 in `pose` (P, 15)."""
     for p in range(moving):
-        place_piece(joints, info[p, 0], frame, size, p, pose)
+        place_piece(joints, solids, p, pose)
 
 
 @njit(plain=True)
 def point_gradient(
-    joints: Any,
-    info: Any,
-    above: Any,
-    joint: int,
-    x: float,
-    y: float,
-    z: float,
-    nx: float,
-    ny: float,
-    nz: float,
-    sign: float,
-    out: Any,
+    joints: Any, chain: Any, joint: int, point: Any, normal: Any, sign: float, out: Any
 ) -> None:
     """out_j += sign · n·∂p/∂q_j for a point p of the body on `joint`; out is (n,)."""
+    info, above = chain.info, chain.above
+    x, y, z, nx, ny, nz = point[0], point[1], point[2], normal[0], normal[1], normal[2]
     for j in range(1, info.shape[0]):
         if not above[joint, j]:
             continue
@@ -111,13 +103,12 @@ def _corner(pose: Any, size: Any, p: int, k: int) -> tuple[float, float, float]:
 
 
 @njit(plain=True, inner=True)
-def reach_of_piece(
-    joints: Any, info: Any, above: Any, joint: int, pose: Any, size: Any, p: int, out: Any
-) -> None:
+def reach_of_piece(joints: Any, chain: Any, solids: Any, pose: Any, p: int, out: Any) -> None:
     """R_j of piece p: the largest ‖∂x/∂q_j‖ over its points x, into `out` (n,).
 
     The distance to an axis is convex, so the corners of a box around the piece bound it.
     """
+    info, above, joint, size = chain.info, chain.above, solids.info[p, 0], solids.size
     for j in range(1, info.shape[0]):
         out[j - 1] = 0.0
         if above[joint, j] and info[j, 1] == 1:
@@ -139,10 +130,9 @@ def reach_of_piece(
 
 
 @njit(plain=True, inner=True)
-def ball_reach(
-    joints: Any, info: Any, above: Any, joint: int, pose: Any, radius: float, p: int, out: Any
-) -> None:
+def ball_reach(joints: Any, chain: Any, solids: Any, pose: Any, p: int, out: Any) -> None:
     """R_j of piece p from the ball around it: cheaper than its corners, and larger."""
+    info, above, joint, radius = chain.info, chain.above, solids.info[p, 0], solids.size[p, 12]
     for j in range(1, info.shape[0]):
         if not above[joint, j]:
             out[j - 1] = 0.0
@@ -175,10 +165,9 @@ def relative_motion(above: Any, ja: int, jb: int, ra: Any, rb: Any, delta: Any) 
 
 
 @njit(plain=True, inner=True)
-def weight_of_piece(
-    joints: Any, info: Any, above: Any, joint: int, pose: Any, size: Any, p: int, out: Any
-) -> None:
+def weight_of_piece(joints: Any, chain: Any, solids: Any, pose: Any, p: int, out: Any) -> None:
     """out_j = max(out_j, max_x ‖∂x/∂q_j‖₁) over the corners of the box around piece p."""
+    info, above, joint, size = chain.info, chain.above, solids.info[p, 0], solids.size
     for k in range(8):
         x, y, z = _corner(pose, size, p, k)
         for j in range(1, info.shape[0]):

@@ -85,12 +85,10 @@ def _middle_and_spread(b: Any, lo: float, hi: float, q: Any, delta: Any) -> None
 
 
 @njit(plain=True, inner=True)
-def _tip_motion(
-    chain: Any, joints: Any, tip: Any, x: float, y: float, z: float, delta: Any
-) -> float:
+def _tip_motion(view: Any, x: float, y: float, z: float, delta: Any) -> float:
     """Largest displacement of the tool tip on a part of the curve [m]."""
     total = 0.0
-    joint = int(tip[0])
+    chain, joints, joint = view.chain, view.work.joints, int(view.tip[0])
     for j in range(1, chain.info.shape[0]):
         if not chain.above[joint, j]:
             continue
@@ -106,18 +104,9 @@ def _tip_motion(
 
 @njit(plain=True)
 def prove(
-    chain: Any,
-    solids: Any,
-    pairs: Any,
-    pose: Any,
-    moving: int,
+    view: Any,
     bezier: Any,
     tracking: float,
-    tip: Any,
-    lines: Any,
-    exempt: Any,
-    covered: Any,
-    work: Any,
     tree: Any,
     max_failures: int,
     where: Any,
@@ -136,11 +125,9 @@ def prove(
     about `tolerance` below the smallest distance. It gives way to what `level_depth` halvings can
     prove.
     """
-    # Arrays taken out of their tuples once: inside the loops each access would count references.
-    info, size, verts = solids.info, solids.size, solids.verts
-    near_start, near = solids.near_start, solids.near
-    piece, surplus = pairs.piece, pairs.extra
-    joints, s, out, axes = work.joints, work.s, work.out, work.axes
+    chain, solids, pose, work, lines = view.chain, view.solids, view.pose, view.work, view.lines
+    info, size, piece, surplus = solids.info, solids.size, view.pairs.piece, view.pairs.extra
+    s, out, axes = work.s, work.out, work.axes
     q, delta, reach = work.q, work.delta, work.reach
     open_pairs, left, failed, reached = tree.open_pairs, tree.left, tree.failed, tree.reached
     node_lo, node_width, node_depth = tree.lo, tree.width, tree.depth
@@ -168,55 +155,39 @@ def prove(
             stack -= 1
             lo, width, depth = node_lo[stack], node_width[stack], node_depth[stack]
             _middle_and_spread(bezier[i], lo, lo + width, q, delta)
-            joint_poses(chain.info, chain.frame, q, joints)
-            place_pieces(joints, info, solids.frame, size, moving, pose)
-            x, y, z = tip_position(joints, tip)
+            joint_poses(chain.info, chain.frame, q, work.joints)
+            place_pieces(work.joints, solids, view.moving, pose)
+            x, y, z = tip_position(view)
             for k in range(lines.shape[0]):
                 stray = tube_stray(x, y, z, lines[k])
-                stray += _tip_motion(chain, joints, tip, x, y, z, delta)
-                covered[k] = stray <= lines[k, 7]
+                stray += _tip_motion(view, x, y, z, delta)
+                view.inside[k] = stray <= lines[k, 7]
             evaluations += 1
             still = 0
             for at in range(left[depth]):
                 m = open_pairs[depth, at]
-                if failed[m] or skipped(exempt, covered, m):
+                if failed[m] or skipped(view, m):
                     continue
                 a, b = piece[m, 0], piece[m, 1]
                 for p in (a, b):
                     # Only here: deep parts have few open pairs, and reaches are most of the work.
-                    if p < moving and reached[p] != evaluations:
+                    if p < view.moving and reached[p] != evaluations:
                         reached[p] = evaluations
-                        reach_of_piece(
-                            joints, chain.info, chain.above, info[p, 0], pose, size, p, reach[p]
-                        )
+                        reach_of_piece(work.joints, chain, solids, pose, p, reach[p])
                 motion = relative_motion(
                     chain.above, info[a, 0], info[b, 0], reach[a], reach[b], delta
                 )
                 away = surplus[m] + ROUNDING_M
                 if clearly_farther(pose, size, a, b, level + away + motion):
                     continue
-                status = gjk(
-                    info,
-                    size,
-                    verts,
-                    near_start,
-                    near,
-                    pose,
-                    a,
-                    b,
-                    axes[m],
-                    level + away + motion,
-                    -1e300,
-                    s,
-                    out,
-                )
+                status = gjk(solids, pose, a, b, axes[m], level + away + motion, -1e300, s, out)
                 if status == FAR or out[7] > level + away + motion:
                     continue
                 # Contact is a failure here, unless the tip lies in a tube that exempts it: then a
                 # shorter part may be proven.
                 excused = False
                 for k in range(lines.shape[0]):
-                    if exempt[k, m] and tube_stray(x, y, z, lines[k]) < lines[k, 7]:
+                    if view.exempt[k, m] and tube_stray(x, y, z, lines[k]) < lines[k, 7]:
                         excused = True
                 if not excused:
                     if status == SOLVED and out[0] - surplus[m] < smallest:

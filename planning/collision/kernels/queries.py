@@ -1,12 +1,4 @@
-"""Queries over a whole scene: which pairs are near, the smallest distance, touching or not.
-
-`chain`, `solids`, `pairs` are those of `collision.packed`. `pose` (P, 15) is workspace with the
-poses of the standing pieces filled in; `moving` pieces come first. `tip` holds the joint and
-position (4,) of the tool tip, `lines` (L, 8) start, direction, length and stray of departure
-lines, `exempt` (L, M) the pairs that a tip inside the tube of a line may ignore, `inside` (L,)
-workspace for whether it is. `work` is `collision.packed.Work`; no kernel reads of it what the same
-call has not written.
-"""
+"""Queries over a whole scene: which pairs are near, the smallest distance, touching or not."""
 
 from __future__ import annotations
 
@@ -27,8 +19,9 @@ from planning.collision.kernels.poses import (
 
 
 @njit(plain=True, inner=True)
-def tip_position(joints: Any, tip: Any) -> tuple[float, float, float]:
+def tip_position(view: Any) -> tuple[float, float, float]:
     """The tool tip in the world."""
+    joints, tip = view.work.joints, view.tip
     j = int(tip[0])
     x, y, z = tip[1], tip[2], tip[3]
     return (
@@ -49,72 +42,55 @@ def tube_stray(x: float, y: float, z: float, line: Any) -> float:
 
 
 @njit(plain=True, inner=True)
-def inside_tubes(joints: Any, tip: Any, lines: Any, inside: Any) -> None:
+def inside_tubes(view: Any) -> None:
     """inside[l]: whether the tip lies in the tube of line l."""
+    lines = view.lines
     if lines.shape[0] == 0:
         return
-    x, y, z = tip_position(joints, tip)
+    x, y, z = tip_position(view)
     for k in range(lines.shape[0]):
-        inside[k] = tube_stray(x, y, z, lines[k]) <= lines[k, 7]
+        view.inside[k] = tube_stray(x, y, z, lines[k]) <= lines[k, 7]
+
+
+@njit(plain=True)
+def place(view: Any, q: Any) -> None:
+    """Joints, pieces and what tubes the tip is in, at one q (n,)."""
+    joint_poses(view.chain.info, view.chain.frame, q, view.work.joints)
+    place_pieces(view.work.joints, view.solids, view.moving, view.pose)
+    inside_tubes(view)
 
 
 @njit(plain=True, inner=True)
-def skipped(exempt: Any, inside: Any, m: int) -> bool:
+def skipped(view: Any, m: int) -> bool:
     """Whether pair m is ignored by one of the tubes that the tip is in."""
-    for k in range(exempt.shape[0]):  # noqa: SIM110 (numba compiles no any() of a generator)
-        if inside[k] and exempt[k, m]:
+    for k in range(view.exempt.shape[0]):  # noqa: SIM110 (numba compiles no any() of a generator)
+        if view.inside[k] and view.exempt[k, m]:
             return True
     return False
 
 
 @njit(plain=True)
-def smallest_distances(
-    chain: Any,
-    solids: Any,
-    pairs: Any,
-    pose: Any,
-    moving: int,
-    q: Any,
-    cap: float,
-    tip: Any,
-    lines: Any,
-    exempt: Any,
-    inside: Any,
-    work: Any,
-    phi: Any,
-    nearest: Any,
-    deep: Any,
-) -> None:
+def smallest_distances(view: Any, q: Any, cap: float, phi: Any, nearest: Any, deep: Any) -> None:
     """phi[k] = min(cap, smallest distance at q[k]), nearest[k] its pair (−1: none below cap).
 
     deep[k] is set where some pair overlaps or is undecided: there phi is only an upper bound and
     all near pairs have to be measured.
     """
-    # Arrays taken out of their tuples once: inside the loops each access would count references.
-    info, size, verts = solids.info, solids.size, solids.verts
-    near_start, near = solids.near_start, solids.near
-    piece, surplus = pairs.piece, pairs.extra
-    joints, s, out, axes, bound, order = (
-        work.joints,
-        work.s,
-        work.out,
-        work.axes,
-        work.bound,
-        work.order,
-    )
+    solids, pose, work = view.solids, view.pose, view.work
+    size = solids.size
+    piece, surplus = view.pairs.piece, view.pairs.extra
+    s, out, axes, bound, order = work.s, work.out, work.axes, work.bound, work.order
     count = piece.shape[0]
     for m in range(count):
         axes[m, 0] = axes[m, 1] = axes[m, 2] = 0.0
     for k in range(q.shape[0]):
-        joint_poses(chain.info, chain.frame, q[k], joints)
-        place_pieces(joints, info, solids.frame, size, moving, pose)
-        inside_tubes(joints, tip, lines, inside)
+        place(view, q[k])
         phi[k], nearest[k], deep[k] = cap, -1, False
         found = 0
         for m in range(count):
             lowest = outer_bound(pose, size, piece[m, 0], piece[m, 1])
             lowest -= surplus[m]
-            if lowest >= cap or skipped(exempt, inside, m):
+            if lowest >= cap or skipped(view, m):
                 continue
             # Insertion by bound: the nearest pair first makes the others stop early.
             at = found
@@ -129,19 +105,7 @@ def smallest_distances(
             m = order[i]
             extra = surplus[m]
             status = gjk(
-                info,
-                size,
-                verts,
-                near_start,
-                near,
-                pose,
-                piece[m, 0],
-                piece[m, 1],
-                axes[m],
-                phi[k] + extra,
-                -1e300,
-                s,
-                out,
+                solids, pose, piece[m, 0], piece[m, 1], axes[m], phi[k] + extra, -1e300, s, out
             )
             if status == FAR:
                 continue
@@ -154,23 +118,7 @@ def smallest_distances(
 
 
 @njit(plain=True)
-def near_pairs(
-    chain: Any,
-    solids: Any,
-    pairs: Any,
-    pose: Any,
-    moving: int,
-    q: Any,
-    cap: float,
-    tip: Any,
-    lines: Any,
-    exempt: Any,
-    inside: Any,
-    work: Any,
-    grown: Any,
-    index: Any,
-    values: Any,
-) -> int:
+def near_pairs(view: Any, q: Any, cap: float, grown: Any, index: Any, values: Any) -> int:
     """All pairs nearer than `cap` at the configurations q (K, n), with gradients.
 
     Row r: `index[r]` = configuration, pair; `values[r]` = distance, nearest points (3, 3), normal
@@ -178,40 +126,22 @@ def near_pairs(
     larger of two lower bounds stands (of overlapping pieces: minus the depth). Returns the number
     of rows there are; rows beyond the room given are only counted.
     """
-    # Arrays taken out of their tuples once: inside the loops each access would count references.
-    info, size, verts = solids.info, solids.size, solids.verts
-    near_start, near = solids.near_start, solids.near
-    piece, surplus = pairs.piece, pairs.extra
-    joints, s, out, normal, axes = work.joints, work.s, work.out, work.axis, work.axes
+    solids, pose, work = view.solids, view.pose, view.work
+    size = solids.size
+    piece, surplus = view.pairs.piece, view.pairs.extra
+    s, out, normal, axes = work.s, work.out, work.axis, work.axes
     count = piece.shape[0]
     for m in range(count):
         axes[m, 0] = axes[m, 1] = axes[m, 2] = 0.0
     rows = 0
     for k in range(q.shape[0]):
-        joint_poses(chain.info, chain.frame, q[k], joints)
-        place_pieces(joints, info, solids.frame, size, moving, pose)
-        inside_tubes(joints, tip, lines, inside)
+        place(view, q[k])
         for m in range(count):
             a, b = piece[m, 0], piece[m, 1]
             limit = cap + surplus[m]
-            if clearly_farther(pose, size, a, b, limit) or skipped(exempt, inside, m):
+            if clearly_farther(pose, size, a, b, limit) or skipped(view, m):
                 continue
-            if not signed_distance(
-                info,
-                size,
-                verts,
-                near_start,
-                near,
-                pose,
-                a,
-                b,
-                axes[m],
-                limit,
-                s,
-                grown,
-                out,
-                normal,
-            ):
+            if not signed_distance(solids, pose, a, b, axes[m], limit, s, grown, out, normal):
                 continue
             if rows < index.shape[0]:
                 index[rows, 0], index[rows, 1] = k, m
@@ -220,112 +150,65 @@ def near_pairs(
                     values[rows, 1 + c] = out[1 + c]
                 for c in range(3):
                     values[rows, 7 + c] = normal[c]
-                contact_gradient(chain, joints, info[a, 0], info[b, 0], values[rows])
+                contact_gradient(view, m, values[rows])
             rows += 1
     return rows
 
 
 @njit(plain=True, inner=True)
-def contact_gradient(chain: Any, joints: Any, joint_a: int, joint_b: int, row: Any) -> None:
-    """Gradient of a distance row from its points and normal, into `row[10:]`."""
+def contact_gradient(view: Any, m: int, row: Any) -> None:
+    """Gradient of a distance row of pair m from its points and normal, into `row[10:]`."""
+    joints, chain, info = view.work.joints, view.chain, view.solids.info
+    a, b = view.pairs.piece[m, 0], view.pairs.piece[m, 1]
     for j in range(10, row.shape[0]):
         row[j] = 0.0
-    nx, ny, nz = row[7], row[8], row[9]
-    point_gradient(
-        joints, chain.info, chain.above, joint_b, row[4], row[5], row[6], nx, ny, nz, 1.0, row[10:]
-    )
-    point_gradient(
-        joints,
-        chain.info,
-        chain.above,
-        joint_a,
-        row[1],
-        row[2],
-        row[3],
-        nx,
-        ny,
-        nz,
-        -1.0,
-        row[10:],
-    )
+    point_gradient(joints, chain, info[b, 0], row[4:7], row[7:10], 1.0, row[10:])
+    point_gradient(joints, chain, info[a, 0], row[1:4], row[7:10], -1.0, row[10:])
 
 
 @njit(plain=True)
-def engine_rows(
-    chain: Any, solids: Any, pairs: Any, q: Any, work: Any, index: Any, values: Any
-) -> None:
+def engine_rows(view: Any, q: Any, index: Any, values: Any) -> None:
     """Gradients of rows whose distance, points and normal an engine has measured."""
-    joints = work.joints
     for r in range(index.shape[0]):
-        joint_poses(chain.info, chain.frame, q[index[r, 0]], joints)
-        a, b = pairs.piece[index[r, 1], 0], pairs.piece[index[r, 1], 1]
-        contact_gradient(chain, joints, solids.info[a, 0], solids.info[b, 0], values[r])
+        joint_poses(view.chain.info, view.chain.frame, q[index[r, 0]], view.work.joints)
+        contact_gradient(view, index[r, 1], values[r])
 
 
 @njit(plain=True)
-def reach_batch(
-    chain: Any, solids: Any, pose: Any, moving: int, q: Any, work: Any, reach: Any, weight: Any
-) -> None:
+def reach_batch(view: Any, q: Any, reach: Any, weight: Any) -> None:
     """R_j(q) and w_j(q) (K, n): maxima over all moving pieces."""
-    joints, one = work.joints, work.delta
+    chain, solids, pose = view.chain, view.solids, view.pose
+    joints, one = view.work.joints, view.work.delta
     for k in range(q.shape[0]):
-        joint_poses(chain.info, chain.frame, q[k], joints)
-        place_pieces(joints, solids.info, solids.frame, solids.size, moving, pose)
+        place(view, q[k])
         for j in range(q.shape[1]):
             reach[k, j] = weight[k, j] = 0.0
-        for p in range(moving):
-            joint = solids.info[p, 0]
-            reach_of_piece(joints, chain.info, chain.above, joint, pose, solids.size, p, one)
+        for p in range(view.moving):
+            reach_of_piece(joints, chain, solids, pose, p, one)
             for j in range(q.shape[1]):
                 if one[j] > reach[k, j]:
                     reach[k, j] = one[j]
-            weight_of_piece(joints, chain.info, chain.above, joint, pose, solids.size, p, weight[k])
+            weight_of_piece(joints, chain, solids, pose, p, weight[k])
 
 
 @njit(plain=True)
-def poses_at(chain: Any, solids: Any, pose: Any, moving: int, q: Any, work: Any) -> None:
-    """Poses of all pieces at one q (n,) into `pose`."""
-    joint_poses(chain.info, chain.frame, q, work.joints)
-    place_pieces(work.joints, solids.info, solids.frame, solids.size, moving, pose)
-
-
-@njit(plain=True)
-def tips_at(chain: Any, tip: Any, q: Any, work: Any, out: Any) -> None:
+def tips_at(view: Any, q: Any, out: Any) -> None:
     """Tip positions (K, 3) at rows of q."""
-    joints = work.joints
     for k in range(q.shape[0]):
-        joint_poses(chain.info, chain.frame, q[k], joints)
-        out[k, 0], out[k, 1], out[k, 2] = tip_position(joints, tip)
+        joint_poses(view.chain.info, view.chain.frame, q[k], view.work.joints)
+        out[k, 0], out[k, 1], out[k, 2] = tip_position(view)
 
 
 @njit(plain=True)
-def candidate_pairs(
-    chain: Any,
-    solids: Any,
-    pairs: Any,
-    pose: Any,
-    moving: int,
-    q: Any,
-    cap: float,
-    tip: Any,
-    lines: Any,
-    exempt: Any,
-    inside: Any,
-    work: Any,
-    chosen: Any,
-) -> int:
+def candidate_pairs(view: Any, q: Any, cap: float, chosen: Any) -> int:
     """Pairs at one q (n,) whose balls and boxes come nearer than `cap`; leaves the poses behind."""
-    # Arrays taken out of their tuples once: inside the loops each access would count references.
-    info, size = solids.info, solids.size
-    piece, surplus = pairs.piece, pairs.extra
-    joints = work.joints
-    joint_poses(chain.info, chain.frame, q, joints)
-    place_pieces(joints, info, solids.frame, size, moving, pose)
-    inside_tubes(joints, tip, lines, inside)
+    pose, size = view.pose, view.solids.size
+    piece, surplus = view.pairs.piece, view.pairs.extra
+    place(view, q)
     count = 0
     for m in range(piece.shape[0]):
         bound = outer_bound(pose, size, piece[m, 0], piece[m, 1])
-        if bound >= cap + surplus[m] or skipped(exempt, inside, m):
+        if bound >= cap + surplus[m] or skipped(view, m):
             continue
         chosen[count] = m
         count += 1

@@ -6,7 +6,7 @@ So one look at a distant pair answers for many points, and a point at which all 
 for costs nothing. R_j is bounded for the whole chunk: turning the joints beyond j by δ_k moves no
 point of a piece by more than Σ_k R_k δ_k towards or away from axis j.
 
-Arguments as in `kernels.queries`. "Touching" means not proven farther than `inflation`.
+"Touching" means not proven farther than `inflation`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,14 @@ from dmoc.arrays import Array
 from dmoc.jit import njit
 from planning.collision.kernels.contact import contact_at
 from planning.collision.kernels.distance import FAR, clearly_farther, gjk, outer_bound
-from planning.collision.kernels.layout import JointTable, Pairs, Solids, Work
+from planning.collision.kernels.layout import Query
 from planning.collision.kernels.poses import (
     ball_reach,
     joint_poses,
     place_piece,
-    place_pieces,
     relative_motion,
 )
-from planning.collision.kernels.queries import inside_tubes, skipped
+from planning.collision.kernels.queries import inside_tubes, place, skipped
 
 CHUNK = 16
 RECENT = 8
@@ -59,42 +58,22 @@ def known_workspace(pairs: int) -> Known:
 class Scan(NamedTuple):
     """What `segment_contact` asks: the scene, by how much pairs are grown, how densely."""
 
-    chain: JointTable
-    solids: Solids
-    pairs: Pairs
-    pose: Array
-    moving: int
+    scene: Query
     inflation_m: float
     levers: Array  # (n,)
-    tip: Array
-    lines: Array
-    exempt: npt.NDArray[np.bool_]
-    inside: npt.NDArray[np.bool_]
-    work: Work
     known: Known
 
 
 @njit(plain=True, inner=True)
-def _near_pairs(
-    chain: Any,
-    solids: Any,
-    pairs: Any,
-    pose: Any,
-    moving: int,
-    joints: Any,
-    delta: Any,
-    inflation: float,
-    reach: Any,
-    sweep: Any,
-    known: Any,
-) -> int:
-    """Pairs that can touch while |Δq_j| ≤ δ_j from the configuration in `joints` and `pose`."""
+def _near_pairs(view: Any, delta: Any, inflation: float, known: Any) -> int:
+    """Pairs that can touch while |Δq_j| ≤ δ_j from the configuration that is placed."""
+    chain, solids, pose, moving = view.chain, view.solids, view.pose, view.moving
     info, size = solids.info, solids.size
-    piece, extra = pairs.piece, pairs.extra
-    above = chain.above
+    piece, extra = view.pairs.piece, view.pairs.extra
+    above, reach, sweep = chain.above, view.work.reach, view.work.sweep
     n = delta.shape[0]
     for p in range(moving):
-        ball_reach(joints, chain.info, above, info[p, 0], pose, size[p, 12], p, reach[p])
+        ball_reach(view.work.joints, chain, solids, pose, p, reach[p])
         # From the tip to the base: what the joints beyond add to the distance from an axis.
         beyond = 0.0
         for j in range(n - 1, -1, -1):
@@ -135,53 +114,24 @@ def _near_pairs(
 
 
 @njit(plain=True, inner=True)
-def _recent_contact(
-    chain: Any,
-    solids: Any,
-    pairs: Any,
-    pose: Any,
-    moving: int,
-    q: Any,
-    inflation: float,
-    tip: Any,
-    lines: Any,
-    exempt: Any,
-    inside: Any,
-    work: Any,
-    recent: Any,
-) -> int:
+def _recent_contact(view: Any, q: Any, inflation: float, recent: Any) -> int:
     """A pair among those that touched lately which touches at q, or −1."""
-    info, size, verts = solids.info, solids.size, solids.verts
-    joints, axis = work.joints, work.axis
-    joint_poses(chain.info, chain.frame, q, joints)
-    inside_tubes(joints, tip, lines, inside)
+    solids, pose, work = view.solids, view.pose, view.work
+    joint_poses(view.chain.info, view.chain.frame, q, work.joints)
+    inside_tubes(view)
     for i in range(recent.shape[0]):
         m = recent[i]
-        if m < 0 or skipped(exempt, inside, m):
+        if m < 0 or skipped(view, m):
             continue
-        a, b = pairs.piece[m, 0], pairs.piece[m, 1]
+        a, b = view.pairs.piece[m, 0], view.pairs.piece[m, 1]
         for p in (a, b):
-            if p < moving:
-                place_piece(joints, info[p, 0], solids.frame, size, p, pose)
-        limit = inflation + pairs.extra[m]
-        if clearly_farther(pose, size, a, b, limit):
+            if p < view.moving:
+                place_piece(work.joints, solids, p, pose)
+        limit = inflation + view.pairs.extra[m]
+        if clearly_farther(pose, solids.size, a, b, limit):
             continue
-        axis[0] = axis[1] = axis[2] = 0.0
-        status = gjk(
-            info,
-            size,
-            verts,
-            solids.near_start,
-            solids.near,
-            pose,
-            a,
-            b,
-            axis,
-            limit,
-            limit,
-            work.s,
-            work.out,
-        )
+        work.axis[0] = work.axis[1] = work.axis[2] = 0.0
+        status = gjk(solids, pose, a, b, work.axis, limit, limit, work.s, work.out)
         if status != FAR and work.out[7] <= limit:
             return m
     return -1
@@ -223,18 +173,9 @@ def segment_contact(scan: Any, q0: Any, q1: Any, from_free: bool) -> int:
     coarsely first, then in chunks of sixteen parts; in a chunk only the pairs that its motion can
     bring together are tested, ends first and then by halving.
     """
-    chain, solids, pairs, pose, moving = (
-        scan.chain,
-        scan.solids,
-        scan.pairs,
-        scan.pose,
-        scan.moving,
-    )
-    inflation, levers, work, known = scan.inflation_m, scan.levers, scan.work, scan.known
-    tip, lines, exempt, inside = scan.tip, scan.lines, scan.exempt, scan.inside
-    info, size, verts = solids.info, solids.size, solids.verts
-    near_start, near = solids.near_start, solids.near
-    piece, extra = pairs.piece, pairs.extra
+    view, inflation, levers, known = scan.scene, scan.inflation_m, scan.levers, scan.known
+    solids, pose, work = view.solids, view.pose, view.work
+    size, piece, extra = solids.size, view.pairs.piece, view.pairs.extra
     n = q0.shape[0]
     length = 0.0
     for j in range(n):
@@ -242,25 +183,11 @@ def segment_contact(scan: Any, q0: Any, q1: Any, from_free: bool) -> int:
     parts = int(np.ceil(length))
     if parts < 1:
         parts = 1
-    joints, s, out, axes = work.joints, work.s, work.out, work.axes
+    s, out, axes = work.s, work.out, work.axes
     q, delta, reach = work.q, work.delta, work.reach
     for j in range(n):
         q[j] = q1[j]
-    hit = _recent_contact(
-        chain,
-        solids,
-        pairs,
-        pose,
-        moving,
-        q,
-        inflation,
-        tip,
-        lines,
-        exempt,
-        inside,
-        work,
-        known.recent,
-    )
+    hit = _recent_contact(view, q, inflation, known.recent)
     if hit >= 0:
         return _remember(known.recent, hit)
     chunks = (parts + CHUNK - 1) // CHUNK
@@ -271,23 +198,7 @@ def segment_contact(scan: Any, q0: Any, q1: Any, from_free: bool) -> int:
             break
         for j in range(n):
             q[j] = q0[j] + k / chunks * (q1[j] - q0[j])
-        hit = contact_at(
-            chain,
-            solids,
-            pairs,
-            pose,
-            moving,
-            q,
-            inflation,
-            tip,
-            lines,
-            exempt,
-            inside,
-            joints,
-            work.axis,
-            s,
-            out,
-        )
+        hit = contact_at(view, q, inflation)
         if hit >= 0:
             return _remember(known.recent, hit)
     for p in range(pose.shape[0]):  # pieces that stand still reach nowhere
@@ -304,28 +215,11 @@ def segment_contact(scan: Any, q0: Any, q1: Any, from_free: bool) -> int:
         for j in range(n):
             q[j] = q0[j] + (c + 0.5) / chunks * (q1[j] - q0[j])
         if total > 1:  # else the middle is none of the points
-            hit = _recent_contact(
-                chain,
-                solids,
-                pairs,
-                pose,
-                moving,
-                q,
-                inflation,
-                tip,
-                lines,
-                exempt,
-                inside,
-                work,
-                known.recent,
-            )
+            hit = _recent_contact(view, q, inflation, known.recent)
             if hit >= 0:
                 return _remember(known.recent, hit)
-        joint_poses(chain.info, chain.frame, q, joints)
-        place_pieces(joints, info, solids.frame, size, moving, pose)
-        found = _near_pairs(
-            chain, solids, pairs, pose, moving, joints, delta, inflation, reach, work.sweep, known
-        )
+        place(view, q)
+        found = _near_pairs(view, delta, inflation, known)
         for i in range(found):
             axes[i, 0] = axes[i, 1] = axes[i, 2] = 0.0
         for at in range(total + 1):
@@ -344,30 +238,14 @@ def segment_contact(scan: Any, q0: Any, q1: Any, from_free: bool) -> int:
                 if not placed:
                     for j in range(n):
                         q[j] = q0[j] + (c + t) / chunks * (q1[j] - q0[j])
-                    joint_poses(chain.info, chain.frame, q, joints)
-                    place_pieces(joints, info, solids.frame, size, moving, pose)
-                    inside_tubes(joints, tip, lines, inside)
+                    place(view, q)
                     placed = True
-                if skipped(exempt, inside, m):
+                if skipped(view, m):
                     continue
                 a, b = piece[m, 0], piece[m, 1]
                 bound = outer_bound(pose, size, a, b)
                 if bound <= 0.0 or bound <= limit:
-                    status = gjk(
-                        info,
-                        size,
-                        verts,
-                        near_start,
-                        near,
-                        pose,
-                        a,
-                        b,
-                        axes[i],
-                        limit,
-                        limit,
-                        s,
-                        out,
-                    )
+                    status = gjk(solids, pose, a, b, axes[i], limit, limit, s, out)
                     bound = out[7]
                     if status != FAR and bound <= limit:
                         return _remember(known.recent, m)

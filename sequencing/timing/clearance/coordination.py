@@ -98,8 +98,7 @@ def _free_blocks(path_a, path_b, pairs, clearance, exact, blocked):
         near[0, m] = m
     near_count[0] = count
     if exact is not None:
-        info, extent, verts = exact.solids.info, exact.solids.size, exact.solids.verts
-        near_start, near_vertex = exact.solids.near_start, exact.solids.near
+        solids = exact.solids
         solids_a = exact.poses_a.shape[1]
         pose = np.empty((solids_a + exact.poses_b.shape[1], 15))
         axis, work, out = np.empty(3), np.empty((4, 15)), np.empty(8)
@@ -128,19 +127,7 @@ def _free_blocks(path_a, path_b, pairs, clearance, exact, blocked):
                 pose[solids_a + b] = exact.poses_b[mb, b]
                 axis[:] = 0.0
                 found = gjk(
-                    info,
-                    extent,
-                    verts,
-                    near_start,
-                    near_vertex,
-                    pose,
-                    a,
-                    solids_a + b,
-                    axis,
-                    clearance + way,
-                    clearance - way,
-                    work,
-                    out,
+                    solids, pose, a, solids_a + b, axis, clearance + way, clearance - way, work, out
                 )
                 if found == FAR or (found == SOLVED and out[0] > clearance + way):
                     continue
