@@ -1,4 +1,7 @@
 from .errors import DmocError as DmocError
+from .identification.identifying import Identification as Identification
+from .identification.identifying import IdentificationProblem as IdentificationProblem
+from .identification.identifying import identify as identify
 from .motion.cost import Cost as Cost
 from .motion.cost import ElectricalCost as ElectricalCost
 from .motion.motion import Motion as Motion

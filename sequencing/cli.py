@@ -333,6 +333,31 @@ def measured(
 
 
 @command
+def identify(
+    console: Console,
+    logs: Annotated[list[Path], typer.Argument(help="Logs to fit (CSV), 20 s of rich motion.")],
+    robot: Annotated[Path, typer.Option(help="robot.yaml or URDF of the robot.")],
+    out: Path | None,
+    hold: Annotated[
+        list[Path] | None, typer.Option(help="Log to judge by, not fitted (repeatable).")
+    ] = None,
+    payload: Annotated[
+        str | None, typer.Option(help="Known payload KG,x,y,z in the flange frame [kg, m].")
+    ] = None,
+    torque_source: Annotated[
+        str | None, typer.Option(help="motor_torque, actual_torque or actual_current.")
+    ] = None,
+    cutoff: Annotated[
+        float, typer.Option(help="Cut-off of the filter [Hz]; 20 for fast small arms.", min=0.5)
+    ] = 10.0,
+) -> CommandResult:
+    """Fit a robot's dynamics and friction to its logs, and write robot.urdf and robot.yaml."""
+    from sequencing.commands.identify import run_identify
+
+    return run_identify(console, logs, robot, hold or [], payload, torque_source, cutoff, out)
+
+
+@command
 def doctor(console: Console, out: Path | None) -> CommandResult:
     """Say what is installed, which backends run, and whether a solve works."""
     from sequencing.commands.doctor import run_doctor

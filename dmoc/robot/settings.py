@@ -40,6 +40,11 @@ _KNOWN = {
     "inertials",
     "use_visual_shapes",
     "xacro_arguments",
+    "springs",
+    "motor_from_joint",
+    "motor_zero_rad",
+    "torque_offset_nm",
+    "identified",
 }
 _TAGS = "measured | published: SOURCE | assumed"
 

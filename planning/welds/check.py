@@ -227,7 +227,7 @@ def check_station(path: str | Path, engines: bool = False) -> dict[str, Any]:
                 ),
             }
         )
-    count = sum(row["alternatives"] for row in rows)
+    count = sum(len(found.alternatives) for found in studs)
     doubts = [*station_warnings(station), *_always(station, world), *_many(station, count)]
     opinions = second_opinions(station, studs) if engines else []
     doubts += [

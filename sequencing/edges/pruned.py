@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from dmoc.arrays import Array
 from planning.station.station import Station
@@ -97,7 +98,9 @@ def _turning(station: Station) -> Array:
     return np.asarray(robot.q_upper_rad - robot.q_lower_rad >= TURN - 1e-9)
 
 
-def _turns(station: Station, nodes: StationNodes) -> tuple[Array, Array]:
+def _turns(
+    station: Station, nodes: StationNodes
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
     """Number of the first node (V,) that is the same arm, and whether a node is near home."""
     robot, turning = station.robot, _turning(station)
     middle = 0.5 * (robot.q_lower_rad + robot.q_upper_rad)
@@ -112,7 +115,7 @@ def _turns(station: Station, nodes: StationNodes) -> tuple[Array, Array]:
     return first, far <= np.maximum(np.pi + SEAM_RAD, least[first])
 
 
-def _scores(station: Station, nodes: StationNodes, rows: Array) -> Array:
+def _scores(station: Station, nodes: StationNodes, rows: npt.NDArray[np.int64]) -> Array:
     """Holding and half of the two cheapest travels to two other studs (C,), full turns free."""
     q, cluster = nodes.q_rad[rows], nodes.cluster_of[rows]
     begin = np.flatnonzero(np.diff(cluster, prepend=-1))

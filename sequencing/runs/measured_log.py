@@ -20,8 +20,9 @@ class ControllerLog:
     """K samples of n joints: `t_s` (K,) from 0, `q_rad`, `velocity_rad_s` (K, n).
 
     `source` says whether positions are `actual` or `target` ones. `current_a` (K, n),
-    `joint_voltage_v` (K, n) and the robot's DC power `power_w` (K,) are None where the log has
-    none.
+    `joint_voltage_v` (K, n), torques at the motors and at the joints (K, n) and the robot's
+    DC power `power_w` (K,) are None where the log has none. Where `source` is `motor`, positions
+    are those of the motors' encoders.
     """
 
     t_s: Array
@@ -31,6 +32,8 @@ class ControllerLog:
     current_a: Array | None = None
     joint_voltage_v: Array | None = None
     power_w: Array | None = None
+    motor_torque_nm: Array | None = None
+    joint_torque_nm: Array | None = None
 
     @property
     def duration_s(self) -> float:
@@ -38,7 +41,7 @@ class ControllerLog:
         return float(self.t_s[-1])
 
 
-def read_controller_log(path: Path | str) -> ControllerLog:
+def read_controller_log(path: Path | str, motor: bool = False) -> ControllerLog:
     """The log in a table of text: `timestamp` [s] and `actual_q_0` … or `target_q_0` … at least.
 
     `actual_qd_*`, `actual_current_*`, `actual_joint_voltage_*`, `actual_robot_voltage` and
@@ -48,13 +51,16 @@ def read_controller_log(path: Path | str) -> ControllerLog:
     repeated time stamp keeps its first row. Velocities that were not logged are differences of
     the positions.
 
+    `motor_torque_*` and `actual_torque_*` [N·m] are read too; with `motor`, `motor_q_*` will do
+    where no joint positions were logged.
+
     Nothing is guessed: a cell that is empty, NaN or no number, a gap in time, and values whose unit
     cannot be the one of RTDE (s, rad, A, V) are refused with the row.
 
     Errors: `InputError` (file-missing, file-large, log-columns, log-value, log-row, csv-decimal,
     log-samples, log-time, log-gap, log-unit).
     """
-    table = _read(Path(path))
+    table = _read(Path(path), motor)
     log = _log_of(table)
     _check_units(table, log)
     return log
@@ -77,12 +83,15 @@ class _Columns:
 
 _USED = re.compile(
     r"timestamp|(?:actual_qd?|target_qd?|actual_current|actual_joint_voltage)_\d+"
+    r"|(?:motor_q|motor_torque|actual_torque)_\d+"
     r"|actual_robot_(?:voltage|current)"
 )
+#: Where positions may come from, best first.
+_SOURCES = ("actual", "target", "motor")
 _MOST_BYTES = 8_000_000_000
 
 
-def _read(path: Path) -> _Columns:
+def _read(path: Path, motor: bool) -> _Columns:
     text = read_text(path, _MOST_BYTES)
     data = np.frombuffer(text.encode(), dtype=np.uint8)
     ends = np.append(np.flatnonzero(data == ord("\n")), len(data))
@@ -105,7 +114,9 @@ def _read(path: Path) -> _Columns:
         raise where.fault(
             "log-columns", "header", f"{twice} twice", "each column once", "rename it"
         )
-    if "timestamp" not in used or not {"actual_q_0", "target_q_0"} & set(used):
+    if "timestamp" not in used or not {f"{s}_q_0" for s in _SOURCES[: 3 if motor else 2]} & set(
+        used
+    ):
         raise where.fault(
             "log-columns",
             "header",
@@ -177,7 +188,7 @@ def _joints(table: _Columns, name: str) -> list[str]:
 
 def _log_of(table: _Columns) -> ControllerLog:
     stamp = table.values.get("timestamp", np.empty(0))
-    source = next((kind for kind in ("actual", "target") if f"{kind}_q_0" in table.values), "")
+    source = next((kind for kind in _SOURCES if f"{kind}_q_0" in table.values), "")
     steps = np.diff(stamp)
     if np.any(steps < 0):
         row = int(np.argmax(steps < 0)) + 1
@@ -243,6 +254,8 @@ def _log_of(table: _Columns) -> ControllerLog:
         current_a=columns("actual_current"),
         joint_voltage_v=columns("actual_joint_voltage"),
         power_w=power,
+        motor_torque_nm=columns("motor_torque"),
+        joint_torque_nm=columns("actual_torque"),
     )
 
 
@@ -259,7 +272,7 @@ def _check_units(table: _Columns, log: ControllerLog) -> None:
     legal = {"q": "radians", "qd": "rad/s", "current": "amperes", "voltage": "volts"}
     for name, values in table.values.items():
         kind = name.rstrip("0123456789_").rpartition("_")[2]
-        most = _LARGEST.get(kind)
+        most = None if name.startswith("motor_") else _LARGEST.get(kind)
         if most is not None and np.abs(values).max() > most:
             row = int(np.argmax(np.abs(values) > most))
             raise table.fault(
