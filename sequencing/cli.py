@@ -39,6 +39,9 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="One JSON object on stdout, the rest on stderr.")
 ]
 WorkersOption = Annotated[int, typer.Option(help="Processes; 0 takes the number of cores.", min=0)]
+ExecutorOption = Annotated[
+    str, typer.Option(help="processes, threads, serial, dask or dask://HOST:PORT.")
+]
 MethodOption = Annotated[str, typer.Option(help="Collision avoidance: half-spaces or boxes.")]
 SolverOption = Annotated[str, typer.Option(help="Solver of the motions: structured or ipopt.")]
 PolishOption = Annotated[
@@ -110,6 +113,7 @@ def plan(
         ),
     ] = None,
     polish: PolishOption = False,
+    executor: ExecutorOption = "processes",
 ) -> CommandResult:
     """Plan a station: order, configurations, certified motions, tables and scene."""
     from sequencing.commands.plan import run_plan
@@ -126,6 +130,7 @@ def plan(
         conditional_gap=target_gap / 100.0,
         polish=polish,
         coverage=coverage,
+        executor=executor,
     )
 
 

@@ -19,9 +19,10 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from dmoc.arrays import Array
+from dmoc.jit import njit
 from dmoc.motion.cost import Cost
 from dmoc.robot.robot import Robot
-from sequencing.bounds.curves import Curves, leaving_curves, shortest_time
+from sequencing.bounds.curves import leaving_curves, shortest_time
 from sequencing.bounds.field import cell_grid, field_cells, lie_terms
 from sequencing.bounds.series import arm_series
 
@@ -49,42 +50,34 @@ HALF_TIMES_S = np.concatenate([np.arange(0.0, 1.0, 0.04), np.linspace(1.0, 3.0, 
 
 @dataclass(frozen=True)
 class TravelBound:
-    """Bounds of travels between the nodes it was made for."""
+    """Bounds of travels between the nodes it was made for: `Curves` of every reference torque c.
+
+    `spent` (V, K+1, C), `weight` (V, K+1, C, n), `floor` (C,).
+    """
 
     robot: Robot
     cost: Cost
     half_times_s: Array
-    curves: tuple[Curves, ...]
+    spent: Array
+    weight: Array
+    floor: Array
 
     def __call__(self, pairs: npt.NDArray[np.int64], waypoints: Array) -> Array:
         """Lower bounds (K,) of J for node pairs (K, 2) through `waypoints` (K, W, n)."""
         way = np.abs(np.diff(waypoints, axis=1)).sum(axis=1)
         shortest = shortest_time(self.robot, way)
-        square = way * way
-        i, j = pairs[:, 0], pairs[:, 1]
         times = 2.0 * self.half_times_s
-        result = np.full(len(pairs), np.inf)
-        for k in range(1, len(times)):
-            best = np.full(len(pairs), -np.inf)
-            begin, end = np.maximum(times[k - 1], shortest), times[k]
-            for curve in self.curves:
-                before = curve.spent[i, k - 1] + curve.spent[j, k - 1]
-                rate = (curve.spent[i, k] + curve.spent[j, k] - before) / (end - times[k - 1])
-                weight = np.minimum(curve.weight[i, k], curve.weight[j, k])
-                inertia = np.einsum("km,km->k", weight, square)
-                best = np.maximum(
-                    best, _least(before - rate * times[k - 1], rate, inertia, begin, end)
-                )
-            result = np.where(shortest <= end, np.minimum(result, best), result)
+        result = np.empty(len(pairs))
+        _least_of_pairs(pairs, way * way, shortest, times, self.spent, self.weight, result)
+        i, j = pairs[:, 0], pairs[:, 1]
         return np.minimum(result, self._beyond(i, j, np.maximum(shortest, times[-1])))
 
     def _beyond(self, i: npt.NDArray[np.int64], j: npt.NDArray[np.int64], shortest: Array) -> Array:
         """For all T past the last time: only fields whose running cost is nowhere negative."""
         best = np.zeros(len(i))
-        for curve in self.curves:
-            if curve.floor >= 0.0:
-                rest = curve.floor * (shortest - 2.0 * self.half_times_s[-1])
-                best = np.maximum(best, curve.spent[i, -1] + curve.spent[j, -1] + rest)
+        for c in np.flatnonzero(self.floor >= 0.0):
+            rest = self.floor[c] * (shortest - 2.0 * self.half_times_s[-1])
+            best = np.maximum(best, self.spent[i, -1, c] + self.spent[j, -1, c] + rest)
         return best
 
 
@@ -132,12 +125,41 @@ def _potential(robot: Robot, waypoints: Array) -> Array:
     return energy[back.ravel()].reshape(waypoints.shape[:2])
 
 
-def _least(start: Array, rate: Array, inertia: Array, begin: Array, end: float) -> Array:
-    """min over begin ≤ T ≤ end of start + rate·T + inertia/T."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turning = np.where(rate > 0, np.sqrt(inertia / rate), end)
-        at = np.clip(turning, begin, np.maximum(begin, end))
-        return np.asarray(start + rate * at + np.where(inertia > 0, inertia / at, 0.0))
+@njit
+def _least_of_pairs(pairs, square, shortest, times, spent, weight, result):  # type: ignore[no-untyped-def]
+    """Per pair the least over the intervals of T of the best over all reference torques.
+
+    On an interval it is min over begin ≤ T ≤ end of start + rate·T + inertia/T; one that cannot
+    be the least any more is left early. Sums run in one order on every machine.
+    """
+    for row in range(pairs.shape[0]):
+        i, j = pairs[row, 0], pairs[row, 1]
+        least = np.inf
+        for k in range(1, times.shape[0]):
+            end = times[k]
+            if shortest[row] > end:
+                continue
+            begin = times[k - 1] if times[k - 1] > shortest[row] else shortest[row]
+            best = -np.inf
+            for c in range(spent.shape[2]):
+                before = spent[i, k - 1, c] + spent[j, k - 1, c]
+                rate = (spent[i, k, c] + spent[j, k, c] - before) / (end - times[k - 1])
+                inertia = 0.0
+                for m in range(square.shape[1]):
+                    one, other = weight[i, k, c, m], weight[j, k, c, m]
+                    inertia += (one if one < other else other) * square[row, m]
+                at = np.sqrt(inertia / rate) if rate > 0.0 else end
+                at = begin if at < begin else (end if at > end else at)
+                value = before - rate * times[k - 1] + rate * at
+                if inertia > 0.0:
+                    value += inertia / at
+                if value > best:
+                    best = value
+                    if best >= least:
+                        break
+            if best < least:
+                least = best
+        result[row] = least
 
 
 def travel_bound(robot: Robot, cost: Cost, q_rad: Array) -> TravelBound | None:
@@ -155,4 +177,11 @@ def travel_bound(robot: Robot, cost: Cost, q_rad: Array) -> TravelBound | None:
     for first, second, spend in SCALES:
         cells = field_cells(terms, cost, (first, second), series.bearing, spend)
         curves.append(leaving_curves(robot, cost, series, grid, cells, q_rad, HALF_TIMES_S))
-    return TravelBound(robot, cost, HALF_TIMES_S, tuple(curves))
+    return TravelBound(
+        robot,
+        cost,
+        HALF_TIMES_S,
+        np.stack([curve.spent for curve in curves], axis=2),
+        np.stack([curve.weight for curve in curves], axis=2),
+        np.array([curve.floor for curve in curves]),
+    )

@@ -36,11 +36,11 @@ class RunBench:
 
 
 @contextmanager
-def open_bench(folder: Path, workers: int) -> Iterator[RunBench]:
+def open_bench(folder: Path, workers: int, executor_kind: str = "processes") -> Iterator[RunBench]:
     """Store, workers and progress bar for the run in `folder`, closed in the end."""
     with (
         EdgeStore(folder / "edges.sqlite") as store,
-        worker_pool(workers) as executor,
+        worker_pool(workers, executor_kind) as executor,
         plan_progress() as progress,
     ):
         yield RunBench(store, executor, progress)
@@ -98,6 +98,7 @@ def run_plan(
     conditional_gap: float,
     polish: bool = False,
     coverage: int | None = None,
+    executor: str = "processes",
 ) -> CommandResult:
     """Plan, write the run folder, print the tables; exit 3 with reasons where there is no cycle."""
     began = time.perf_counter()
@@ -111,7 +112,7 @@ def run_plan(
     events: list[PlanEvent] = []
     with locked(folder):
         try:
-            with open_bench(folder, workers) as bench:
+            with open_bench(folder, workers, executor) as bench:
                 cycle = plan_station(
                     station,
                     seed=seed,

@@ -1,4 +1,4 @@
-"""Worker processes of a command: spawned, deaf to Ctrl-C, and gone when the command goes."""
+"""What runs the edges of a command: spawned processes that go with it, threads, or a cluster."""
 
 from __future__ import annotations
 
@@ -8,12 +8,22 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from dmoc.errors import ProblemError
+
 T = TypeVar("T")
 PR_SET_PDEATHSIG = 1
+KINDS = ("processes", "threads", "serial", "dask")
+CONNECT_S, RETRIES = 30, 2
 
 
 def _prepare_worker() -> None:
@@ -60,11 +70,32 @@ class WorkerPool(Executor):
 
 
 @contextmanager
-def worker_pool(workers: int) -> Iterator[Executor | None]:
-    """A spawn pool of `workers` processes (0: one per core); None where one process is enough."""
+def worker_pool(workers: int, kind: str = "processes") -> Iterator[Executor | None]:
+    """What runs the edges; None where this process is enough.
+
+    `kind`: `processes` (`workers` spawned ones; 0: one per core), `threads`, `serial`, `dask` (a
+    cluster of `workers` processes on this machine) or `dask://HOST:PORT` (a scheduler that runs).
+    """
+    name, _, address = kind.partition("://")
+    if name not in KINDS or (address and name != "dask") or kind.endswith("://"):
+        raise ProblemError.of(
+            "executor",
+            field="--executor",
+            value=kind,
+            legal=f"{', '.join(KINDS)} or dask://HOST:PORT",
+            fix="name one of these",
+        )
     count = workers or os.cpu_count() or 1
-    if count == 1:
+    if name == "dask":
+        with _dask(count, address) as cluster:
+            yield cluster
+        return
+    if name == "serial" or count == 1:
         yield None
+        return
+    if name == "threads":
+        with ThreadPoolExecutor(count) as threads:
+            yield threads
         return
     pool = WorkerPool(count)
     try:
@@ -74,3 +105,43 @@ def worker_pool(workers: int) -> Iterator[Executor | None]:
         raise
     else:
         pool.shutdown()
+
+
+@contextmanager
+def _dask(workers: int, address: str) -> Iterator[Executor]:
+    """An executor of the cluster at `address`, or of one on this machine where that is empty."""
+    try:
+        from distributed import Client, KilledWorker
+    except ImportError as error:
+        raise ProblemError.of(
+            "dask-missing",
+            field="--executor",
+            value="dask",
+            legal="an environment that has dask.distributed",
+            fix="pip install 'dmoc[cluster]'",
+        ) from error
+    try:
+        if address:
+            client = Client(f"tcp://{address}", timeout=CONNECT_S)
+        else:
+            client = Client(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+    except (OSError, ValueError) as error:
+        raise ProblemError.of(
+            "no-cluster",
+            field="--executor",
+            value=f"dask://{address}",
+            legal="the address of a scheduler that answers",
+            fix=f"start one there with `dask scheduler` ({type(error).__name__})",
+        ) from error
+    # Every edge is a pure function of its job; a worker that dies costs a new try elsewhere.
+    with client, client.get_executor(pure=False, retries=RETRIES) as executor:
+        try:
+            yield executor
+        except (KilledWorker, CancelledError) as error:
+            raise ProblemError.of(
+                "workers-gone",
+                field="--executor",
+                value=f"{address or 'local cluster'}: {type(error).__name__}",
+                legal="a scheduler that stays, and edges that do not kill worker after worker",
+                fix="run again: finished edges are kept",
+            ) from error

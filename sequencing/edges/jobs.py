@@ -90,11 +90,13 @@ class EdgeKeys:
         count = self.nodes.num_nodes
         ends = [hashlib.sha256(self._pose(node)).digest() for node in range(count)]
         salt = str(self.seed).encode()
-        draws = [
-            int.from_bytes(hashlib.sha256(salt + ends[i] + ends[j]).digest()[:6], "big")
-            for i, j in pairs
-        ]
-        return np.array(draws, dtype=float)
+        ahead = [hashlib.sha256(salt + end) for end in ends]
+        draws = np.empty(len(pairs))
+        for row, (i, j) in enumerate(pairs.tolist()):
+            digest = ahead[i].copy()
+            digest.update(ends[j])
+            draws[row] = int.from_bytes(digest.digest()[:6], "big")
+        return draws
 
     def stud(self, node: int) -> str | None:
         """Stud id of a node, None for home."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
@@ -19,11 +20,11 @@ from dmoc.errors import ProblemError
 from planning.collision.world import CollisionWorld
 from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
-from sequencing.commands.workers import WorkerPool
+from sequencing.commands.workers import WorkerPool, worker_pool
 from sequencing.edges import jobs as jobs_module
 from sequencing.edges import worker
 from sequencing.edges.nodes import station_nodes
-from sequencing.edges.oracle import StationEdges
+from sequencing.edges.oracle import EdgeEvent, StationEdges
 from sequencing.edges.store import EdgeStore
 
 PROGRAM = textwrap.dedent(
@@ -173,3 +174,63 @@ def test_no_file_is_left_for_workers(station, tmp_path, monkeypatch) -> None:
         oracle = oracle_of(station, store, None)
         oracle.evaluate(oracle.nodes.usable_pairs()[:1])
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["cluster", "dask:", "dask://", "threads://here:1"])
+def test_an_executor_that_does_not_exist_is_named(kind) -> None:
+    with pytest.raises(ProblemError, match="executor") as caught, worker_pool(2, kind):
+        pass
+    assert kind in str(caught.value)
+
+
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch) -> None:
+    monkeypatch.setattr("sequencing.commands.workers.CONNECT_S", 1)
+    with pytest.raises(ProblemError, match="no-cluster"), worker_pool(2, "dask://127.0.0.1:9"):
+        pass
+
+
+def _started(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:
+    """A part of a cluster that keeps all that it writes in a folder of its own."""
+    folder.mkdir()
+    own = {**os.environ, "HOME": str(folder), "TMPDIR": str(folder)}
+    command = [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]]
+    with open(folder / "log", "wb") as log:
+        return subprocess.Popen(command, cwd=folder, env=own, stdout=log, stderr=log)
+
+
+@pytest.mark.slow
+def test_a_cluster_without_a_common_folder_gives_the_same_bytes(station, tmp_path) -> None:
+    """Workers of one and of three threads; one is killed when the first edge is there."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    port = address.rpartition(":")[2]
+    scheduler = ["dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"]
+    worker_of = ["dask_worker", f"tcp://{address}", "--no-nanny", "--no-dashboard", "--nthreads"]
+    parts = [_started(scheduler, tmp_path / "scheduler")]
+    try:
+        parts += [_started([*worker_of, n], tmp_path / f"worker{n}") for n in ("1", "3")]
+        with EdgeStore(":memory:") as one, EdgeStore(":memory:") as many:
+            alone = oracle_of(station, one, None)
+            pairs = alone.nodes.usable_pairs()[::7][:12]
+            alone.evaluate(pairs)
+            with worker_pool(2, f"dask://{address}") as cluster:
+                together = oracle_of(station, many, cluster)
+                seen: list[EdgeEvent] = []
+
+                def kill_one(event: EdgeEvent) -> None:
+                    seen.append(event)
+                    if len(seen) == 1:
+                        parts[1].kill()
+
+                together.progress = kill_one
+                together.evaluate(pairs)
+            assert len(seen) == len(pairs)
+            assert parts[1].wait(10) == -signal.SIGKILL
+            keys = [alone.keys.key(*pair, "screen") for pair in pairs]
+            assert [one.get(key) for key in keys] == [many.get(key) for key in keys]
+            assert None not in [one.get(key) for key in keys]
+    finally:
+        for part in parts:
+            part.kill()
+            part.wait()
