@@ -59,7 +59,7 @@ class IdentificationProblem:
     cutoff_hz: float = 10.0
 
     def __post_init__(self) -> None:
-        n = self.robot.num_joints
+        n = self.layout.num_joints
         for log in (*self.logs, *self.held):
             if log.q_rad.shape[1] != n or log.torque_nm.shape != log.q_rad.shape:
                 value = f"{log.q_rad.shape[1]} joints, {log.torque_nm.shape[1]} torques"
@@ -223,8 +223,8 @@ def identify(problem: IdentificationProblem) -> Identification:
 
 def score(result: Identification, run: Samples) -> RunScore:
     """How well a run is predicted; the assumed class of friction is judged beside it."""
-    tau, moving = run.torque_nm, run.moving
-    predicted = result.torque_nm(run)
+    tau, moving, matrix = run.torque_nm, run.moving, result.layout.regressor(run)
+    predicted = matrix @ result.with_payload
     assumed = result.prior.copy()
     n = result.layout.num_joints
     drive = heavy_class_drive(n)
@@ -246,7 +246,7 @@ def score(result: Identification, run: Samples) -> RunScore:
     true = energy(tau)
     off = [
         100.0 * (energy(torque) / max(true, 1e-12) - 1.0)
-        for torque in (predicted, result.layout.regressor(run) @ assumed)
+        for torque in (predicted, matrix @ assumed)
     ]
     seconds = len(tau) * run.step_s
     return RunScore(run.name, seconds, tuple(rel.tolist()), tuple(miss.tolist()), true, *off)
@@ -341,21 +341,19 @@ def _delay(
 
 
 def _memory(residuals: list[Array]) -> Array:
-    """Autocorrelation sum of every joint's residual, from 1 (none) on."""
+    """Samples for one independent one: each joint's sum of autocorrelations of the residual.
+
+    They are added in pairs of lags until a pair is negative, so a filter's ringing counts.
+    """
     n = residuals[0].shape[1]
     out = np.ones(n)
     for j in range(n):
-        total, power = np.zeros(51), 0.0
-        for block in residuals:
-            row = block[:, j]
-            power += float(row @ row)
-            total[0] += float(row @ row)
-            for lag in range(1, min(51, len(row))):
-                total[lag] += float(row[lag:] @ row[:-lag])
-        rho = total / max(power, 1e-300)
-        negative = np.flatnonzero(rho[1:] <= 0.0)
-        last = 1 + (int(negative[0]) if len(negative) else 50)
-        out[j] = 1.0 + 2.0 * rho[1:last].sum()
+        total = np.zeros(52)
+        for row in (block[:, j] for block in residuals):
+            total[: len(row)] += [row[lag:] @ row[: len(row) - lag] for lag in range(len(row))[:52]]
+        pairs = total.reshape(-1, 2).sum(axis=1) / max(total[0], 1e-300)
+        last = int(np.argmax(np.append(pairs, -1.0) <= 0.0))
+        out[j] = max(1.0, 2.0 * pairs[:last].sum() - 1.0)
     return out
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.signal import butter, sosfiltfilt
 
 from dmoc.arrays import Array, StaysReadonly
@@ -16,6 +17,9 @@ DEAD_ZONE_RAD_S = 0.005
 _EDGE_S = 0.1
 #: Samples per period of the cut-off that are kept.
 _PER_PERIOD = 5.0
+#: Positions pass this many times the cut-off: derivatives need a filter, but one that moves
+#: neither the reversals nor what the cut-off lets through.
+_WIDER = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +35,11 @@ class MotionLog(StaysReadonly):
 
 @dataclass(frozen=True, eq=False)
 class Samples(StaysReadonly):
-    """Filtered samples (M, n) of one run, `step_s` apart."""
+    """Filtered samples (M, n) of one run, `step_s` apart.
+
+    `fine` is the run before filter and thinning, every `thin`-th of its rows a sample: what is not
+    linear in the motion (a regressor's columns) is made there and then passes `low`.
+    """
 
     name: str
     step_s: float
@@ -39,25 +47,29 @@ class Samples(StaysReadonly):
     velocity_rad_s: Array
     acceleration_rad_s2: Array
     torque_nm: Array
+    fine: Samples | None = None
+    rows: npt.NDArray[np.int64] | None = None
+    low: Array | None = None
+
+    def filtered(self, values: Array) -> Array:
+        """Values of the rows of `fine` (K, …) as the torques were filtered and thinned (M, …)."""
+        smooth = values if self.low is None else sosfiltfilt(self.low, values, axis=0)
+        return np.asarray(smooth[self.rows], dtype=np.float64)
 
     @property
     def moving(self) -> Array:
-        """1 where a joint moves, 0 inside the dead zone (M, n)."""
-        return (np.abs(self.velocity_rad_s) >= DEAD_ZONE_RAD_S).astype(float)
-
-    def between(self, start_s: float, end_s: float) -> Samples:
-        """The part of this run between two times after its first sample."""
-        first, last = round(start_s / self.step_s), round(end_s / self.step_s)
-        rows = slice(max(first, 0), last)
-        arrays = (self.q_rad, self.velocity_rad_s, self.acceleration_rad_s2, self.torque_nm)
-        return Samples(self.name, self.step_s, *(a[rows] for a in arrays))
+        """1 where a joint moves, 0 inside the dead zone or where the filter saw mostly that."""
+        moves = np.abs(self.velocity_rad_s) >= DEAD_ZONE_RAD_S
+        if self.fine is not None:
+            moves &= self.filtered(self.fine.moving) > 0.5
+        return moves.astype(float)
 
 
 def samples_of(log: MotionLog, cutoff_hz: float = 10.0, torque_early_s: float = 0.0) -> Samples:
     """Evenly spaced, filtered and thinned samples; `torque_early_s` shifts the torque to earlier.
 
-    Positions and torques pass the same Butterworth filter of fourth order, forwards and backwards;
-    derivatives are central differences of the filtered positions.
+    Torques, and the columns made of the motion, pass the same Butterworth filter of fourth order,
+    forwards and backwards; positions pass a wider one before their central differences.
     Errors: `InputError` (log-short) for less than a second.
     """
     step = float(np.median(np.diff(log.t_s)))
@@ -70,12 +82,17 @@ def samples_of(log: MotionLog, cutoff_hz: float = 10.0, torque_early_s: float = 
     q = np.column_stack([np.interp(even, stamp, log.q_rad[:, j]) for j in joints])
     late = even + torque_early_s
     tau = np.column_stack([np.interp(late, stamp, log.torque_nm[:, j]) for j in joints])
+    low = None
+    if _WIDER * cutoff_hz < 0.45 / step:
+        q = sosfiltfilt(butter(4, _WIDER * cutoff_hz, fs=1.0 / step, output="sos"), q, axis=0)
     if cutoff_hz < 0.45 / step:
-        low = butter(4, cutoff_hz, fs=1.0 / step, output="sos")
-        q, tau = sosfiltfilt(low, q, axis=0), sosfiltfilt(low, tau, axis=0)
+        low = np.asarray(butter(4, cutoff_hz, fs=1.0 / step, output="sos"))
     velocity = np.gradient(q, step, axis=0)
-    acceleration = np.gradient(velocity, step, axis=0)
+    arrays = (q, velocity, np.gradient(velocity, step, axis=0), tau)
     thin = max(1, round(1.0 / (step * _PER_PERIOD * cutoff_hz)))
     edge = max(2, round(_EDGE_S / step))
-    rows = slice(edge, len(even) - edge, thin)
-    return Samples(log.name, thin * step, q[rows], velocity[rows], acceleration[rows], tau[rows])
+    rows = np.arange(edge, len(even) - edge, thin)
+    fine = Samples(log.name, step, *arrays)
+    out = Samples(log.name, thin * step, *arrays, fine, rows, low)
+    q, velocity, acceleration, tau = (out.filtered(a) for a in arrays)
+    return Samples(log.name, thin * step, q, velocity, acceleration, tau, fine, rows, low)

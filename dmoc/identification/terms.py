@@ -48,24 +48,9 @@ class GasSpring:
 
 
 def springs_of(entries: Sequence[Mapping[str, Any]], names: Sequence[str]) -> tuple[GasSpring, ...]:
-    """The `springs` of a robot.yaml. Errors: `RobotError` (robot-value)."""
-    found = []
-    for k, entry in enumerate(entries):
-        try:
-            data = {key: entry[key] for key in entry if key not in ("joint", "kind")}
-            near, far = (float(value) for value in data.pop("anchors_m"))
-            numbers = {key: float(value) for key, value in data.items()}
-            spring = GasSpring(names.index(entry["joint"]), anchors_m=(near, far), **numbers)
-            if entry["kind"] != "gas" or min(near, far, spring.area_m2, spring.volume_m3) <= 0:
-                raise ValueError(entry["kind"])
-        except (KeyError, TypeError, ValueError) as error:
-            legal = "joint, kind: gas, anchors_m (2), zero_rad, area_m2, volume_m3, gas_j, scale"
-            fix = f"mend the entry ({error})"
-            raise RobotError.of(
-                "robot-value", "", f"springs[{k}]", str(entry)[:120], legal, fix
-            ) from error
-        found.append(spring)
-    return tuple(found)
+    """The `springs` of a robot.yaml that was loaded, so checked."""
+    given = [{key: v for key, v in entry.items() if key != "kind"} for entry in entries]
+    return tuple(GasSpring(**{**entry, "joint": names.index(entry["joint"])}) for entry in given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +60,13 @@ class TermColumns:
     model: pin.Model
     couplings: Array
     springs: tuple[GasSpring, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, joint in list(zip(self.model.names, self.model.joints))[1:]:
+            if not joint.shortname().startswith("JointModelR"):
+                legal, fix = "turning joints", "lock the sliding joint and log the arm alone"
+                value = "a joint that slides"
+                raise RobotError.of("identification-slides", "", name, value, legal, fix)
 
     @property
     def num_joints(self) -> int:
@@ -111,7 +103,9 @@ class TermColumns:
         return self.block("all").stop
 
     def regressor(self, samples: Samples) -> Array:
-        """(M, n, size): torque = regressor @ parameters."""
+        """(M, n, size): torque = regressor @ parameters; columns filtered as the torque was."""
+        if samples.fine is not None:
+            return samples.filtered(self.regressor(samples.fine))
         q, qd, qdd = samples.q_rad, samples.velocity_rad_s, samples.acceleration_rad_s2
         count, n = q.shape
         out = np.zeros((count, n, self.size))

@@ -18,6 +18,7 @@ from dmoc.identification.identifying import Identification
 from dmoc.identification.samples import Samples
 from dmoc.identification.terms import TermColumns, couplings_of, springs_of
 from dmoc.robot.drive import drive_from_mapping
+from dmoc.robot.packages import with_meshes
 from dmoc.robot.robot import Robot, load_robot
 from dmoc.robot.settings import read_settings
 
@@ -25,7 +26,8 @@ _LINK = ("mass", "first moments", "inertia")
 
 
 def write_identification(result: Identification, folder: Path | str) -> tuple[Path, ...]:
-    """robot.urdf (only `<inertial>` replaced), robot.yaml, report.json; the prior stays.
+    """robot.urdf (only `<inertial>` replaced) with its meshes, robot.yaml, report.json; the prior
+    stays.
 
     Errors: `InputError` with the faults of a log that cannot be believed.
     """
@@ -34,7 +36,8 @@ def write_identification(result: Identification, folder: Path | str) -> tuple[Pa
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     paths = tuple(folder / name for name in ("robot.urdf", "robot.yaml", "report.json"))
-    paths[0].write_text(_urdf(result), encoding="utf-8")
+    meshes = result.problem.robot.description.meshes
+    paths[0].write_bytes(with_meshes(_urdf(result).encode(), meshes, folder))
     text = yaml.safe_dump(_settings(result), sort_keys=False, allow_unicode=True, width=100)
     paths[1].write_text(text, encoding="utf-8")
     paths[2].write_text(json.dumps(summary(result), indent=1), encoding="utf-8")

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import filecmp
 import io
 import os
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 
 from dmoc.errors import DmocError, RobotError
@@ -84,6 +87,35 @@ class Packages:
                 "say where the package lies: --package-path FOLDER",
             )
         return confined(rest, found, file, field)
+
+
+def with_meshes(text: bytes, meshes: Mapping[str, Path], folder: Path) -> bytes:
+    """A robot file's text for `folder`: its meshes (name → file) are copied there.
+
+    Names that would lead out of the folder are changed, to files of their own in its meshes/.
+    """
+
+    def leads_out(name: str) -> bool:
+        inner = Path(name.split("://", 1)[-1])
+        return name.startswith("file://") or inner.is_absolute() or ".." in inner.parts
+
+    for name in sorted(meshes, key=leads_out):
+        path, target = meshes[name], folder / name.split("://", 1)[-1]
+        if leads_out(name):
+            tries = (folder / "meshes" / f"{k}_{path.name}"[0 if k else 2 :] for k in count())
+            target = next(t for t in tries if not t.exists() or filecmp.cmp(path, t, False))
+            for quote in "\"'":
+                new = f'"{target.relative_to(folder).as_posix()}"'
+                text = text.replace(f"{quote}{name}{quote}".encode(), new.encode())
+        copy_file(path, target)
+    return text
+
+
+def copy_file(source: Path, target: Path) -> None:
+    """A copy, its folder made first; nothing where both are one file."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if source.resolve() != target.resolve():
+        shutil.copyfile(source, target)
 
 
 def _name_of(folder: Path) -> str:

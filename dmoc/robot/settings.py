@@ -25,8 +25,10 @@ _VECTORS = {
     "velocity_limit_rad_s": 1e-9,
     "q_lower_rad": -50.0,
     "q_upper_rad": -50.0,
+    "motor_zero_rad": -50.0,
+    "torque_offset_nm": -1e6,
 }
-_MOST = {"q_lower_rad": 50.0, "q_upper_rad": 50.0}
+_MOST = {"q_lower_rad": 50.0, "q_upper_rad": 50.0, "motor_zero_rad": 50.0, "torque_offset_nm": 1e6}
 _KNOWN = {
     *_VECTORS,
     "name",
@@ -42,10 +44,13 @@ _KNOWN = {
     "xacro_arguments",
     "springs",
     "motor_from_joint",
-    "motor_zero_rad",
-    "torque_offset_nm",
     "identified",
 }
+#: What identify writes into `identified`, by the kind of each entry, and a spring's keys.
+_IDENTIFIED = {"status": str, "logs": list, "coupling": list} | dict.fromkeys(
+    ("range", "held_out", "fitted", "std", "measured", "links"), dict
+)
+_SPRING = {"anchors_m": (2,), **dict.fromkeys(("zero_rad", "area_m2", "volume_m3", "gas_j"), ())}
 _TAGS = "measured | published: SOURCE | assumed"
 
 
@@ -201,6 +206,7 @@ def settings_faults(
         fix = "write true, or name the links"
         refuse("robot-value", ("use_visual_shapes",), use, "true, false or a list of links", fix)
     _check_sections(settings, model, refuse)
+    _check_dynamics(settings, model, refuse)
     _check_provenance(settings, refuse)
     _check_pairs(settings, links, refuse)
     return faults
@@ -215,12 +221,9 @@ def _check_vectors(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -
         if key not in settings:
             continue
         given = settings[key]
-        numbers = given if isinstance(given, list) else [given]
-        plain = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in numbers)
-        value = np.array(numbers, dtype=float) if plain else np.full(1, np.nan)
+        value = _plain(given, *([model.nv] if isinstance(given, list) else []))
         most = _MOST.get(key, np.inf)
-        right = len(value) == model.nv or not isinstance(given, list)
-        if not right or not np.all((value >= least) & (value <= most) & np.isfinite(value)):
+        if value is None or not np.all((value >= least) & (value <= most)):
             refuse(
                 "robot-value",
                 (key,),
@@ -240,17 +243,69 @@ def _check_vectors(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -
         )
 
 
+def _plain(value: Any, *shape: int) -> Array | None:
+    """`value` as finite numbers of this shape, None for anything else."""
+    flat = [value]
+    for length in shape:
+        if not all(isinstance(row, list) and len(row) == length for row in flat):
+            return None
+        flat = [entry for row in flat for entry in row]
+    if any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in flat):
+        return None
+    return np.array(flat, dtype=float).reshape(shape) if all(abs(v) < 1e300 for v in flat) else None
+
+
+def _check_dynamics(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -> None:
+    """Springs, the motors' coupling and the block that identify writes."""
+    n, joints, code = model.nv, list(model.names)[1:], "robot-value"
+    ratio = _plain(settings.get("motor_from_joint", np.eye(n).tolist()), n, n)
+    own = np.ones(n) if ratio is None else np.diag(ratio)
+    scaled = None if ratio is None or not own.all() else ratio / own[:, None]
+    if scaled is None or np.linalg.cond(scaled) > 1e6:
+        legal = f"{n} rows of {n} finite numbers, invertible, none of the diagonal 0"
+        fix = "a row a motor: its speed by the speeds of the joints"
+        refuse(code, ("motor_from_joint",), settings["motor_from_joint"], legal, fix)
+    springs = settings.get("springs", [])
+    for k, entry in enumerate(springs if isinstance(springs, list) else [None]):
+        given = entry if isinstance(entry, dict) else {}
+        numbers = {key: _plain(given.get(key), *shape) for key, shape in _SPRING.items()}
+        numbers["scale"] = _plain(given.get("scale", 1.0))
+        right = given.get("kind") == "gas" and given.get("joint") in joints
+        right &= set(given) | {"scale"} == {*numbers, "joint", "kind"}
+        if not right or any(
+            v is None or (key not in ("zero_rad", "scale") and not np.all(v > 0))
+            for key, v in numbers.items()
+        ):
+            legal = (
+                f"joint ({', '.join(joints)}), kind: gas, {', '.join(_SPRING)}, scale; sizes > 0"
+            )
+            refuse(code, ("springs", k), entry or springs, legal, "mend the entry; anchors_m are 2")
+    block, legal = settings.get("identified", {}), f"a mapping of {', '.join(_IDENTIFIED)}"
+    if not isinstance(block, dict):
+        refuse(code, ("identified",), block, legal, "let dmoc identify write it")
+        return
+    for key, value in block.items():
+        if key not in _IDENTIFIED or not isinstance(value, _IDENTIFIED[key]):
+            refuse(code, ("identified", key), value, legal, "let dmoc identify write it")
+    if block and scaled is not None:
+        rows = int(np.sum(np.abs(scaled).sum(axis=1) > 1.0 + 1e-9))
+        found, legal = _plain(block.get("coupling", []), rows, 3), f"{rows} rows of 3 numbers >= 0"
+        if found is None or not np.all(found >= 0):
+            fix = "inertia, Coulomb and viscous friction of each motor that several joints turn"
+            refuse(code, ("identified", "coupling"), block.get("coupling"), legal, fix)
+
+
 def _check_locked(settings: dict[str, Any], description: Description, refuse: Refuse) -> None:
     locked = settings.get("locked", {})
     if not isinstance(locked, dict):
         refuse("robot-value", ("locked",), locked, "a mapping", "write locked: {JOINT: 0.0}")
         return
     for name, value in locked.items():
-        plain = isinstance(value, (int, float)) and not isinstance(value, bool)
+        plain = _plain(value)
         if name not in description.joints:
             legal = ", ".join(description.joints)
             refuse("name-unknown", ("locked", name), name, legal, "name a joint of the URDF")
-        elif not plain or not abs(value) < 50:
+        elif plain is None or not abs(plain) < 50:
             refuse("robot-value", ("locked", name), value, "a finite number", "give rad or m")
 
 

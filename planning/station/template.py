@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import yaml
 
 from dmoc.errors import DmocError, Fault, InputError
 from dmoc.robot.controller import controller_text
+from dmoc.robot.packages import copy_file, with_meshes
 from dmoc.robot.robot import Robot, available_robots, load_robot
 from planning.geometry.mesh import UNITS, load_mesh
 from planning.station.build import load_station
@@ -79,8 +79,8 @@ def init_station(
         raise InputError(faults)
     named = str(urdf) in available_robots()
     folder.mkdir(parents=True, exist_ok=True)
-    _copy(part, folder / part.name)
-    _copy(studs, folder / "studs.csv")
+    copy_file(part, folder / part.name)
+    copy_file(studs, folder / "studs.csv")
     copied = robot.urdf if named else copy_robot(robot, folder / "robot", estimate)
     text = _TEMPLATE.format(
         name="".join(c if c.isalnum() or c in "_.-" else "_" for c in folder.resolve().name),
@@ -121,29 +121,14 @@ def _links(robot: Robot) -> set[str]:
     return {frame.name for frame in robot.model.frames}
 
 
-def _copy(source: Path, target: Path) -> None:
-    if source.resolve() != target.resolve():
-        shutil.copyfile(source, target)
-
-
 def copy_robot(robot: Robot, folder: Path, estimate: dict[str, Any] | None = None) -> Path:
     """The URDF (a xacro file expanded), its meshes and a robot.yaml that names the flange."""
     description = robot.description
     target = folder / f"{description.file.stem.removesuffix('.urdf')}.urdf"
     folder.mkdir(parents=True, exist_ok=True)
-    if description.text is None:
-        text = description.file.read_bytes()
-    else:
-        text = description.text.encode()
-    for name, path in description.meshes.items():
-        inner = name.split("://", 1)[-1]
-        if name.startswith("file://") or Path(inner).is_absolute() or ".." in Path(inner).parts:
-            number = sum(p.name == path.name for p in folder.rglob(path.name))
-            inner = f"meshes/{number}_{path.name}" if number else f"meshes/{path.name}"
-            for quote in "\"'":
-                text = text.replace(f"{quote}{name}{quote}".encode(), f'"{inner}"'.encode())
-        (folder / inner).parent.mkdir(parents=True, exist_ok=True)
-        _copy(path, folder / inner)
+    own = description.text
+    text = description.file.read_bytes() if own is None else own.encode()
+    text = with_meshes(text, description.meshes, folder)
     if not (target.exists() and target.samefile(description.file)):
         target.write_bytes(text)
     settings, beside = folder / "robot.yaml", robot.urdf.with_name("robot.yaml")

@@ -376,3 +376,51 @@ def test_torque_limits_that_nobody_gave_are_put_in_by_name(tmp_path, effort):
     hold = np.abs(robot.gravity_torque_nm(poses)).max(axis=0)
     assert np.all(robot.torque_limit_nm[changed] >= hold[changed])
     assert f"{robot.torque_limit_nm[changed][0]:.3g}" in warning.value
+
+
+SPRING = "{joint: j2, kind: gas, anchors_m: [0.8, 0.2], zero_rad: -1, area_m2: 1e-4, %s}"
+
+
+@pytest.mark.parametrize(
+    ("settings", "field"),
+    [
+        ("motor_from_joint: 3", "motor_from_joint"),
+        ("motor_from_joint: null", "motor_from_joint"),
+        ("motor_from_joint: [[1, 0], [0, 1]]", "motor_from_joint"),
+        ("motor_from_joint: [[1, 0, 0], [0, .nan, 0], [0, 0, 1]]", "motor_from_joint"),
+        ("motor_from_joint: [[0, 1, 0], [1, 0, 0], [0, 0, 1]]", "motor_from_joint"),
+        ("motor_from_joint: [[1, 0, 0], [0, 1, 1], [0, 1, 1]]", "motor_from_joint"),
+        ("motor_zero_rad: [0, 0]", "motor_zero_rad"),
+        ("motor_zero_rad: [0, 0, .inf]", "motor_zero_rad"),
+        ("torque_offset_nm: [0, 0, zero]", "torque_offset_nm"),
+        (f"torque_offset_nm: 1{'0' * 400}", "torque_offset_nm"),
+        ("identified: [1]", "identified"),
+        ("identified: {states: good}", "identified.states"),
+        ("identified: {status: 3}", "identified.status"),
+        ("identified: {std: [1, 2]}", "identified.std"),
+        ("identified: {coupling: [[1, 2, 3]]}", "identified.coupling"),
+        ("springs: gas", "springs[0]"),
+        ("springs: [gas]", "springs[0]"),
+        (f"springs: [{SPRING % 'volume_m3: 1e-3'}]", "springs[0]"),
+        (f"springs: [{SPRING % 'volume_m3: 1e-3, gas_j: .nan'}]", "springs[0]"),
+        (f"springs: [{SPRING % 'volume_m3: 0, gas_j: 9'}]", "springs[0]"),
+        (f"springs: [{SPRING % 'volume_m3: 1e-3, gas_j: 9, colour: 1'}]", "springs[0]"),
+        (f"springs: [{SPRING.replace('j2', 'j9') % 'volume_m3: 1, gas_j: 9'}]", "springs[0]"),
+        (
+            f"springs: [{SPRING.replace('[0.8, 0.2]', '0.8') % 'volume_m3: 1, gas_j: 9'}]",
+            "springs[0]",
+        ),
+    ],
+)
+def test_dynamics_in_settings_are_checked(tmp_path, settings, field):
+    path = write(tmp_path, settings=settings)
+    assert [fault.field for fault in refused(path, "robot-value")] == [field]
+
+
+def test_dynamics_that_identify_writes_are_taken(tmp_path):
+    settings = (
+        "motor_from_joint: [[-100, 0, 0], [0, 90, 0], [0, 90, 80]]\nmotor_zero_rad: [0, -1.5, 0]\n"
+        "identified: {status: poor, coupling: [[0.1, 0.2, 0.3]], std: {armature: [1, 1, 1]}}\n"
+        f"torque_offset_nm: -1\nsprings: [{SPRING % 'volume_m3: 1.0e-3, gas_j: 9, scale: 0.9'}]\n"
+    )
+    load_robot(write(tmp_path, settings=settings))
