@@ -93,12 +93,14 @@ class IdentificationProblem:
         return out
 
     @property
-    def payload(self) -> Array:
-        """Ten numbers of the known payload on the last joint."""
-        robot = self.robot
+    def load(self) -> Array:
+        """The known payload on the last joint, in the columns of the layout."""
+        robot, layout = self.robot, self.layout
         place = robot.model.frames[robot.flange_id].placement
         point = pin.Inertia(self.payload_kg, np.array(self.payload_com_m), np.zeros((3, 3)))
-        return np.asarray(place.act(point).toDynamicParameters())
+        out = np.zeros(layout.size)
+        out[: layout.num_links][-10:] = place.act(point).toDynamicParameters()
+        return out
 
 
 @dataclass(frozen=True)
@@ -155,15 +157,7 @@ class Identification:
 
     def torque_nm(self, samples: Samples) -> Array:
         """Predicted torque (M, n), the known payload included."""
-        return self.layout.regressor(samples) @ self.with_payload
-
-    @property
-    def with_payload(self) -> Array:
-        """The parameters of the robot as it was logged."""
-        out = self.parameters.copy()
-        last = self.layout.num_links
-        out[last - 10 : last] += self.problem.payload
-        return out
+        return self.layout.regressor(samples) @ (self.parameters + self.problem.load)
 
     def named(self, block: str) -> Array:
         """The numbers of one block of the layout."""
@@ -224,15 +218,13 @@ def identify(problem: IdentificationProblem) -> Identification:
 def score(result: Identification, run: Samples) -> RunScore:
     """How well a run is predicted; the assumed class of friction is judged beside it."""
     tau, moving, matrix = run.torque_nm, run.moving, result.layout.regressor(run)
-    predicted = matrix @ result.with_payload
-    assumed = result.prior.copy()
+    predicted = matrix @ (result.parameters + result.problem.load)
+    assumed = result.prior + result.problem.load
     n = result.layout.num_joints
     drive = heavy_class_drive(n)
     assumed[result.layout.block("coulomb")] = drive.coulomb_nm
     assumed[result.layout.block("viscous")] = drive.viscous_nm_s
     assumed[result.layout.block("springs")] = 0.0
-    last = result.layout.num_links
-    assumed[last - 10 : last] += result.problem.payload
     count = np.maximum(moving.sum(axis=0), 1.0)
     miss = np.sqrt((moving * (tau - predicted) ** 2).sum(axis=0) / count)
     size = np.sqrt((moving * tau**2).sum(axis=0) / count)
@@ -252,17 +244,10 @@ def score(result: Identification, run: Samples) -> RunScore:
     return RunScore(run.name, seconds, tuple(rel.tolist()), tuple(miss.tolist()), true, *off)
 
 
-def _load(problem: IdentificationProblem) -> Array:
-    out = np.zeros(problem.layout.size)
-    last = problem.layout.num_links
-    out[last - 10 : last] = problem.payload
-    return out
-
-
 def _data(
     problem: IdentificationProblem, runs: list[Samples], matrices: list[Array]
 ) -> tuple[Compressed, Array]:
-    load = _load(problem)
+    load = problem.load
     tau = np.vstack([run.torque_nm - m @ load for run, m in zip(runs, matrices)])
     moving = np.vstack([run.moving for run in runs])
     return Compressed.of(np.concatenate(matrices), tau, moving), load
@@ -310,22 +295,17 @@ def _delay(
     moving = np.vstack([run.moving for run in raw])
     if len(still) > 0 or moving.sum(axis=0).min() < 3 * problem.layout.size:
         return 0.0, raw, ()  # too few samples to tell a shift from freedom
-    whole = np.concatenate(matrices)
-    bases = []
-    for j in range(moving.shape[1]):
-        q, r = np.linalg.qr(whole[moving[:, j] > 0, j])
-        bases.append(q[:, np.abs(np.diag(r)) > 1e-9 * np.abs(r).max()])
-    misfits = []
+    whole, size = np.concatenate(matrices), problem.layout.size
     stamps = [run.step_s * np.arange(len(run.torque_nm)) for run in raw]
-    curves = [CubicSpline(t, run.torque_nm) for t, run in zip(stamps, raw)]
-    for shift in _SHIFTS_S:
-        tau = np.vstack([c(np.clip(t + shift, t[0], t[-1])) for c, t in zip(curves, stamps)])
-        total = []
-        for j, base in enumerate(bases):
-            own = tau[moving[:, j] > 0, j]
-            total.append(np.sum(own**2) - np.sum((base.T @ own) ** 2))
-        misfits.append(total)
-    table = np.array(misfits)
+    curves = [(CubicSpline(t, run.torque_nm), t) for t, run in zip(stamps, raw)]
+    shifted = [
+        np.vstack([c(np.clip(t + shift, t[0], t[-1])) for c, t in curves]) for shift in _SHIFTS_S
+    ]
+    left = []
+    for j, rows in enumerate(moving.T > 0):
+        stacked = np.column_stack([whole[rows, j], *(tau[rows, j] for tau in shifted)])
+        left.append((np.linalg.qr(stacked, mode="r")[size:, size:] ** 2).sum(axis=0))
+    table = np.array(left).T
     here = int(np.argmin(np.abs(_SHIFTS_S)))
     share = (table / np.maximum(table[here], 1e-300)).mean(axis=1)
     best = int(np.argmin(share))

@@ -94,14 +94,12 @@ def with_meshes(text: bytes, meshes: Mapping[str, Path], folder: Path) -> bytes:
 
     Names that would lead out of the folder are changed, to files of their own in its meshes/.
     """
-
-    def leads_out(name: str) -> bool:
-        inner = Path(name.split("://", 1)[-1])
-        return name.startswith("file://") or inner.is_absolute() or ".." in inner.parts
-
-    for name in sorted(meshes, key=leads_out):
-        path, target = meshes[name], folder / name.split("://", 1)[-1]
-        if leads_out(name):
+    plain = {name: Path(name.split("://", 1)[-1]) for name in meshes}
+    out = {name for name, to in plain.items() if to.is_absolute() or ".." in to.parts}
+    out |= {name for name in meshes if name.startswith("file://")}
+    for name in sorted(meshes, key=out.__contains__):
+        path, target = meshes[name], folder / plain[name]
+        if name in out:
             tries = (folder / "meshes" / f"{k}_{path.name}"[0 if k else 2 :] for k in count())
             target = next(t for t in tries if not t.exists() or filecmp.cmp(path, t, False))
             for quote in "\"'":

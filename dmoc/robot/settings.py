@@ -46,11 +46,12 @@ _KNOWN = {
     "motor_from_joint",
     "identified",
 }
-#: What identify writes into `identified`, by the kind of each entry, and a spring's keys.
+#: What identify writes into `identified`, by the kind of each entry.
 _IDENTIFIED = {"status": str, "logs": list, "coupling": list} | dict.fromkeys(
     ("range", "held_out", "fitted", "std", "measured", "links"), dict
 )
-_SPRING = {"anchors_m": (2,), **dict.fromkeys(("zero_rad", "area_m2", "volume_m3", "gas_j"), ())}
+#: Numbers of a gas spring, the first four > 0.
+_SPRING = ("anchors_m", "area_m2", "volume_m3", "gas_j", "zero_rad", "scale")
 _TAGS = "measured | published: SOURCE | assumed"
 
 
@@ -176,21 +177,11 @@ def settings_faults(
 
     settings = tree.data
     for key in sorted(settings.keys() - _KNOWN):
-        refuse(
-            "robot-key",
-            (key,),
-            settings[key],
-            ", ".join(sorted(_KNOWN)),
-            "remove it or mend the spelling",
-        )
+        legal, fix = ", ".join(sorted(_KNOWN)), "remove it or mend the spelling"
+        refuse("robot-key", (key,), settings[key], legal, fix)
     if settings.get("schema_version", 1) != 1:
-        refuse(
-            "schema-version",
-            ("schema_version",),
-            settings["schema_version"],
-            "1",
-            "write schema_version: 1",
-        )
+        version, fix = settings["schema_version"], "write schema_version: 1"
+        refuse("schema-version", ("schema_version",), version, "1", fix)
     _check_vectors(settings, model, refuse)
     name = settings.get("name", "robot")
     if not isinstance(name, str) or not name.strip():
@@ -224,75 +215,54 @@ def _check_vectors(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -
         value = _plain(given, *([model.nv] if isinstance(given, list) else []))
         most = _MOST.get(key, np.inf)
         if value is None or not np.all((value >= least) & (value <= most)):
-            refuse(
-                "robot-value",
-                (key,),
-                given,
-                f"{model.nv} finite numbers >= {least:g}",
-                "one number per joint",
-            )
+            legal = f"{model.nv} finite numbers >= {least:g}"
+            refuse("robot-value", (key,), given, legal, "one number per joint")
         elif key in limits:
             limits[key] = np.broadcast_to(value, (model.nv,))
     for i in np.flatnonzero(limits["q_lower_rad"] >= limits["q_upper_rad"]):
-        refuse(
-            "limit-inverted",
-            ("q_lower_rad", int(i)),
-            f"{limits['q_lower_rad'][i]:g} to {limits['q_upper_rad'][i]:g}",
-            "lower < upper",
-            "swap the limits",
-        )
+        value = f"{limits['q_lower_rad'][i]:g} to {limits['q_upper_rad'][i]:g}"
+        path = ("q_lower_rad", int(i))
+        refuse("limit-inverted", path, value, "lower < upper", "swap the limits")
 
 
 def _plain(value: Any, *shape: int) -> Array | None:
     """`value` as finite numbers of this shape, None for anything else."""
-    flat = [value]
-    for length in shape:
-        if not all(isinstance(row, list) and len(row) == length for row in flat):
-            return None
-        flat = [entry for row in flat for entry in row]
-    if any(isinstance(v, bool) or not isinstance(v, (int, float)) for v in flat):
-        return None
-    return np.array(flat, dtype=float).reshape(shape) if all(abs(v) < 1e300 for v in flat) else None
+    array = np.array(value, dtype=object)
+    good = all(type(v) in (int, float) and abs(v) < 1e300 for v in array.flat)
+    return array.astype(float) if good and array.shape == shape else None
 
 
 def _check_dynamics(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -> None:
     """Springs, the motors' coupling and the block that identify writes."""
-    n, joints, code = model.nv, list(model.names)[1:], "robot-value"
+    n, joints, code, rows = model.nv, list(model.names)[1:], "robot-value", 0
     ratio = _plain(settings.get("motor_from_joint", np.eye(n).tolist()), n, n)
-    own = np.ones(n) if ratio is None else np.diag(ratio)
-    scaled = None if ratio is None or not own.all() else ratio / own[:, None]
-    if scaled is None or np.linalg.cond(scaled) > 1e6:
+    if ratio is not None and np.diag(ratio).all():
+        ratio = ratio / np.diag(ratio)[:, None]
+        rows = int(np.sum(np.abs(ratio).sum(axis=1) > 1.0 + 1e-9))
+    if ratio is None or np.linalg.cond(ratio) > 1e6 or not np.diag(ratio).all():
         legal = f"{n} rows of {n} finite numbers, invertible, none of the diagonal 0"
         fix = "a row a motor: its speed by the speeds of the joints"
         refuse(code, ("motor_from_joint",), settings["motor_from_joint"], legal, fix)
     springs = settings.get("springs", [])
-    for k, entry in enumerate(springs if isinstance(springs, list) else [None]):
-        given = entry if isinstance(entry, dict) else {}
-        numbers = {key: _plain(given.get(key), *shape) for key, shape in _SPRING.items()}
-        numbers["scale"] = _plain(given.get("scale", 1.0))
-        right = given.get("kind") == "gas" and given.get("joint") in joints
-        right &= set(given) | {"scale"} == {*numbers, "joint", "kind"}
-        if not right or any(
-            v is None or (key not in ("zero_rad", "scale") and not np.all(v > 0))
-            for key, v in numbers.items()
-        ):
-            legal = (
-                f"joint ({', '.join(joints)}), kind: gas, {', '.join(_SPRING)}, scale; sizes > 0"
-            )
-            refuse(code, ("springs", k), entry or springs, legal, "mend the entry; anchors_m are 2")
-    block, legal = settings.get("identified", {}), f"a mapping of {', '.join(_IDENTIFIED)}"
+    for k, entry in enumerate(springs if isinstance(springs, list) else [springs]):
+        given = {"scale": 1.0, **entry} if isinstance(entry, dict) else {}
+        own = [_plain(given.get(key), *[2][: key == "anchors_m"]) for key in _SPRING]
+        right = given.keys() == {"joint", "kind", *_SPRING} and given["kind"] == "gas"
+        sizes = all(v is not None and (np.all(v > 0) or i > 3) for i, v in enumerate(own))
+        if not right or not sizes or given["joint"] not in joints:
+            legal = f"joint ({', '.join(joints)}), kind: gas, {', '.join(_SPRING)}"
+            refuse(code, ("springs", k), entry, legal, "2 anchors; sizes are > 0")
+    block, wrong = settings.get("identified", {}), []
     if not isinstance(block, dict):
-        refuse(code, ("identified",), block, legal, "let dmoc identify write it")
-        return
-    for key, value in block.items():
-        if key not in _IDENTIFIED or not isinstance(value, _IDENTIFIED[key]):
-            refuse(code, ("identified", key), value, legal, "let dmoc identify write it")
-    if block and scaled is not None:
-        rows = int(np.sum(np.abs(scaled).sum(axis=1) > 1.0 + 1e-9))
-        found, legal = _plain(block.get("coupling", []), rows, 3), f"{rows} rows of 3 numbers >= 0"
-        if found is None or not np.all(found >= 0):
-            fix = "inertia, Coulomb and viscous friction of each motor that several joints turn"
-            refuse(code, ("identified", "coupling"), block.get("coupling"), legal, fix)
+        block, wrong = {"coupling": [[0, 0, 0]] * rows}, [()]
+    wrong += [(k,) for k, v in block.items() if not isinstance(v, _IDENTIFIED.get(k, ()))]
+    found = _plain(block.get("coupling") or np.zeros((0, 3)), rows, 3)
+    if block and ("coupling",) not in wrong and (found is None or not np.all(found >= 0)):
+        wrong.append(("coupling",))
+    for path in wrong:
+        legal = f"a mapping of {', '.join(_IDENTIFIED)}; coupling: {rows} rows of 3 numbers >= 0"
+        fix = "let dmoc identify write it"
+        refuse(code, ("identified", *path), settings["identified"], legal, fix)
 
 
 def _check_locked(settings: dict[str, Any], description: Description, refuse: Refuse) -> None:

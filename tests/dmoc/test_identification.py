@@ -121,13 +121,13 @@ def test_base_parameters_come_back_from_exact_samples(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(
-    ("seeds", "least"),
+    "seeds",
     [
-        pytest.param(range(10, 16), 0.90, id="six"),
-        pytest.param(range(10, 34), 0.90, marks=pytest.mark.slow, id="twenty-four"),
+        pytest.param(range(10, 14), id="four"),
+        pytest.param(range(10, 34), marks=pytest.mark.slow, id="twenty-four"),
     ],
 )
-def test_two_sigma_cover_the_truth(robot: Robot, seeds: range, least: float) -> None:
+def test_two_sigma_cover_the_truth(robot: Robot, seeds: range) -> None:
     """Through the whole chain: 250 Hz, white noise, filter, thinning, fit."""
     layout = TermColumns(robot.model, np.zeros((0, 6)))
     true, off = truth(robot, layout), []
@@ -137,8 +137,8 @@ def test_two_sigma_cover_the_truth(robot: Robot, seeds: range, least: float) -> 
             part = layout.block(block)
             off.append((fit.parameters[part] - true[part]) / fit.std[part])
     sigmas = np.concatenate(off)
-    assert np.mean(np.abs(sigmas) <= 2.0) >= least
-    assert 0.7 <= np.sqrt(np.mean(sigmas**2)) <= 1.2, "neither too narrow nor too wide"
+    assert 0.90 <= np.mean(np.abs(sigmas) <= 2.0) <= (0.98 if len(seeds) > 20 else 1.0)
+    assert 0.8 <= np.sqrt(np.mean(sigmas**2)) <= 1.2, "neither too narrow nor too wide"
 
 
 def test_a_sliding_joint_is_refused(tmp_path: Path) -> None:
