@@ -304,7 +304,8 @@ def _delay(
     left = []
     for j, rows in enumerate(moving.T > 0):
         stacked = np.column_stack([whole[rows, j], *(tau[rows, j] for tau in shifted)])
-        left.append((np.linalg.qr(stacked, mode="r")[size:, size:] ** 2).sum(axis=0))
+        corner = np.array(np.linalg.qr(stacked, mode="r"))[size:, size:]
+        left.append((corner**2).sum(axis=0))
     table = np.array(left).T
     here = int(np.argmin(np.abs(_SHIFTS_S)))
     share = (table / np.maximum(table[here], 1e-300)).mean(axis=1)
@@ -356,7 +357,8 @@ def _cause(
 
     def left(case: Hypothesis) -> float:
         layout = replace(problem.layout, model=case.model(problem.robot.model))
-        changed = [case.samples(run) for run in runs]
+        # The mistakes are coarse: columns of the samples will do, and cost a tenth.
+        changed = [replace(case.samples(run), fine=None) for run in runs]
         data, _ = _data(problem, changed, [layout.regressor(run) for run in changed])
         return _misfit(data, _fit(problem, layout, data, sigma, prior, 15).parameters, sigma)
 

@@ -220,9 +220,9 @@ def _check_vectors(settings: dict[str, Any], model: pin.Model, refuse: Refuse) -
         elif key in limits:
             limits[key] = np.broadcast_to(value, (model.nv,))
     for i in np.flatnonzero(limits["q_lower_rad"] >= limits["q_upper_rad"]):
-        value = f"{limits['q_lower_rad'][i]:g} to {limits['q_upper_rad'][i]:g}"
+        both = f"{limits['q_lower_rad'][i]:g} to {limits['q_upper_rad'][i]:g}"
         path = ("q_lower_rad", int(i))
-        refuse("limit-inverted", path, value, "lower < upper", "swap the limits")
+        refuse("limit-inverted", path, both, "lower < upper", "swap the limits")
 
 
 def _plain(value: Any, *shape: int) -> Array | None:
@@ -252,9 +252,9 @@ def _check_dynamics(settings: dict[str, Any], model: pin.Model, refuse: Refuse) 
         if not right or not sizes or given["joint"] not in joints:
             legal = f"joint ({', '.join(joints)}), kind: gas, {', '.join(_SPRING)}"
             refuse(code, ("springs", k), entry, legal, "2 anchors; sizes are > 0")
-    block, wrong = settings.get("identified", {}), []
-    if not isinstance(block, dict):
-        block, wrong = {"coupling": [[0, 0, 0]] * rows}, [()]
+    block = settings.get("identified", {})
+    wrong: list[FieldPath] = [] if isinstance(block, dict) else [()]
+    block = {"coupling": [[0, 0, 0]] * rows} if wrong else block
     wrong += [(k,) for k, v in block.items() if not isinstance(v, _IDENTIFIED.get(k, ()))]
     found = _plain(block.get("coupling") or np.zeros((0, 3)), rows, 3)
     if block and ("coupling",) not in wrong and (found is None or not np.all(found >= 0)):
