@@ -357,8 +357,7 @@ def _cause(
 
     def left(case: Hypothesis) -> float:
         layout = replace(problem.layout, model=case.model(problem.robot.model))
-        # The mistakes are coarse: columns of the samples will do, and cost a tenth.
-        changed = [replace(case.samples(run), fine=None) for run in runs]
+        changed = [case.samples(run) for run in runs]
         data, _ = _data(problem, changed, [layout.regressor(run) for run in changed])
         return _misfit(data, _fit(problem, layout, data, sigma, prior, 15).parameters, sigma)
 

@@ -46,6 +46,7 @@ class Hypothesis:
             velocity_rad_s=run.velocity_rad_s * turn,
             acceleration_rad_s2=run.acceleration_rad_s2 * turn,
             torque_nm=run.torque_nm * sign,
+            fine=None if run.fine is None else self.samples(run.fine),
         )
 
     def model(self, model: pin.Model) -> pin.Model:
