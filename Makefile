@@ -10,7 +10,7 @@ CONSTRAINTS := constraints.txt
 BUILT := $(patsubst notebooks/%.py,notebooks/_built/%.ipynb,$(wildcard notebooks/*.py))
 NBMAKE := $(BIN)/python -m pytest --nbmake --nbmake-timeout=1800 -p no:xdist --durations=0
 
-.PHONY: fuzz demo test test-slow setup lint types contracts python-next notebooks notebooks-check bench study docs clean lock
+.PHONY: fuzz mutants demo test test-slow setup lint types contracts python-next notebooks notebooks-check bench study docs clean lock
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v <= (3, 14) else "dmoc runs on Python 3.11 to 3.14, and $(PYTHON) is %d.%d: name another one with make PYTHON=python3.12" % v)'
@@ -49,6 +49,10 @@ contracts: $(STAMP_TEST)
 
 fuzz: $(STAMP_TEST)
 	DMOC_FUZZ=5000 $(BIN)/python -m pytest -n 2 tests/fuzz
+
+# Puts each slip of tests/mutants.py into a copy of the sources; its test must fail.
+mutants: $(STAMP_TEST)
+	$(BIN)/python -m tests.mutants
 
 # Whether the dependencies have wheels for the newest Python that is let in (asks PyPI).
 python-next: $(STAMP_TEST)

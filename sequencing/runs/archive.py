@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+import fcntl
 import hashlib
 import io
 import json
 import math
 import os
+import re
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,6 +21,10 @@ import numpy as np
 
 # Zip stores a time stamp with every member; a fixed one keeps equal content equal in bytes.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+# What is not in place yet: a dot, the name of what it becomes, eight characters of `tempfile`.
+_UNFINISHED = re.compile(
+    r"\.(inputs|.+\.(json|npz|md|csv|html|png|yaml|script|mod|src))\.[a-z0-9_]{8}"
+)
 
 
 def write_atomic(path: Path, content: str | bytes) -> None:
@@ -27,14 +34,39 @@ def write_atomic(path: Path, content: str | bytes) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as stream:
+            fcntl.flock(stream, fcntl.LOCK_EX)  # until it is in place: `remove_unfinished`
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, path)
+            os.chmod(name, 0o644)
+            os.replace(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what a process that was killed left half written in the run folder.
+
+    What another process is writing now is locked by it and stays.
+    """
+    for place in (folder, folder / "motions", folder / "export"):
+        for path in sorted(place.glob(".*")):
+            if not _UNFINISHED.fullmatch(path.name) or path.is_symlink():
+                continue
+            if not (path.is_file() or path.is_dir()):
+                continue  # a FIFO would wait for a writer
+            handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if path.is_dir():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    path.unlink(missing_ok=True)
+            except BlockingIOError:
+                continue
+            finally:
+                os.close(handle)
 
 
 def npz_bytes(arrays: Mapping[str, Any]) -> bytes:

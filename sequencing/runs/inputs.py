@@ -21,7 +21,7 @@ from dmoc.errors import InputError
 from dmoc.input_file import read_yaml
 from dmoc.robot.robot import Robot
 from planning.station.template import copy_robot
-from sequencing.runs.archive import json_text, sha256_of, write_atomic
+from sequencing.runs.archive import json_text, remove_unfinished, sha256_of, write_atomic
 
 _FOLDER = "inputs"
 _PAGES = ("report.html", "scene.html", "curves.png")
@@ -58,7 +58,9 @@ def keep_inputs(out: Path, robot: Robot, source: Path | None) -> None:
         return
     out.mkdir(parents=True, exist_ok=True)
     fresh = Path(tempfile.mkdtemp(dir=out, prefix=f".{_FOLDER}."))
+    handle = os.open(fresh, os.O_RDONLY)
     try:
+        fcntl.flock(handle, fcntl.LOCK_EX)  # until it is in place: `remove_unfinished`
         own = set() if source is None else set(named_files(source).items())
         for name, path in sorted(own):
             if path.resolve() != robot.urdf:
@@ -81,6 +83,7 @@ def keep_inputs(out: Path, robot: Robot, source: Path | None) -> None:
             shutil.rmtree(target)
         os.replace(fresh, target)
     finally:
+        os.close(handle)
         shutil.rmtree(fresh, ignore_errors=True)
 
 
@@ -116,7 +119,8 @@ def forget_pages(out: Path) -> None:
 def locked(folder: Path) -> Iterator[None]:
     """Hold the run folder for one plan; `InputError` run-locked while another one has it.
 
-    The system gives the lock up when the process ends, however it ends.
+    The system gives the lock up when the process ends, however it ends; what a killed one left
+    half written is removed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("w", encoding="utf-8") as stream:
@@ -131,4 +135,5 @@ def locked(folder: Path) -> Iterator[None]:
                 "one plan at a time",
                 "wait for it, or give another --out",
             ) from error
+        remove_unfinished(folder)
         yield

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import shutil
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -135,3 +139,31 @@ def test_one_plan_at_a_time_in_a_folder(tmp_path: Path) -> None:
             pass
     with locked(tmp_path / "run"):
         pass
+
+
+WRITES = """
+import os, signal, sys
+from pathlib import Path
+from sequencing.runs import archive
+archive.os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+archive.write_atomic(Path(sys.argv[1]), "half")
+"""
+
+
+@pytest.mark.parametrize("name", ["result.json", "motions/01.csv", "export/cell.script"])
+def test_what_a_killed_run_left_half_written_goes_with_the_next(name, tmp_path) -> None:
+    done = subprocess.run([sys.executable, "-c", WRITES, str(tmp_path / name)], check=False)
+    assert done.returncode == -signal.SIGKILL
+    folder = (tmp_path / name).parent
+    assert [path.name[: len(name)] for path in folder.iterdir()] != []
+    (tmp_path / ".inputs.abcd_123").mkdir()
+    (tmp_path / ".inputs.abcd_123" / "robot").write_text("half")
+    kept = {folder / ".gitignore", folder / ".notes.settings", folder / ".a.json.writing1"}
+    for path in kept:
+        path.write_text("mine")
+    with open(folder / ".a.json.writing1") as stream:
+        fcntl.flock(stream, fcntl.LOCK_EX)  # another process writes it at this moment
+        with locked(tmp_path):
+            pass
+        assert {path for path in folder.iterdir() if path.name != ".lock"} == kept
+    assert not (tmp_path / ".inputs.abcd_123").exists()
