@@ -26,6 +26,7 @@ from dmoc.robot.settings import (
     RAMP_S,
     RESERVE,
     assumptions,
+    mass_doubts,
     read_settings,
     settings_faults,
     torque_assumed,
@@ -261,7 +262,7 @@ def load_robot(
         vector(key, getattr(model, f"{end}PositionLimit"))
         for key, end in (("q_lower_rad", "lower"), ("q_upper_rad", "upper"))
     )
-    doubts, controller = list(description.warnings), None
+    doubts, controller = [*description.warnings, *mass_doubts(urdf, model)], None
     if settings.get("controller") is not None:
         controller = controller_from_mapping(settings["controller"], n, description.slides)
         doubts += controller.doubts(str(urdf.with_name("robot.yaml")), lower, upper)

@@ -123,6 +123,24 @@ def torque_assumed(urdf: Path, names: Sequence[str], torque_nm: Array) -> Fault:
     return Fault("torque-assumed", file, "torque_limit_nm", value, "N·m of each joint", fix)
 
 
+#: An arm heavier than this times the cube of its stretched length (second to last joint) is doubted
+#: [kg/m³]; IRB 6640, UR3 to UR10, Panda and KR 210 (at 1,100 kg) have 7 to 46.
+MOST_KG_M3 = 80.0
+
+
+def mass_doubts(urdf: Path, model: pin.Model) -> list[Fault]:
+    """A warning where the arm's total mass does not go with its length."""
+    mass = sum(inertia.mass for inertia in model.inertias)
+    length = sum(float(np.linalg.norm(p.translation)) for p in list(model.jointPlacements)[2:])
+    most = MOST_KG_M3 * length**3
+    if length < 0.1 or mass <= most:
+        return []
+    value = f"{mass:,.0f} kg on {length:.2f} m from the second to the last joint"
+    legal = f"<= {most:,.0f} kg ({MOST_KG_M3:g} kg/m³ times the length cubed)"
+    fix = "compare with the data sheet; init --total-mass KG estimates masses anew"
+    return [Fault("robot-mass", str(urdf), "mass", value, legal, fix)]
+
+
 def assumptions(
     urdf: Path, tree: YamlTree, velocity_rad_s: Array, torque_nm: Array
 ) -> tuple[Fault, ...]:

@@ -80,9 +80,7 @@ class CycleTimeline:
                 if robot is not None and torque is not None:
                     torque[rows] = robot.gravity_torque_nm(held)
                 continue
-            curve = trajectory_of(self.motions[segment.index])
-            if robot is not None:
-                curve = curve.on(robot)
+            curve = trajectory_of(self.motions[segment.index]).on(robot)
             sample = curve.sample(times[rows] - segment.start_s + curve.t_s[0])
             q[rows], v[rows], a[rows] = sample[:3]
             if torque is not None:

@@ -59,6 +59,18 @@ def number_at(data, start, end):  # type: ignore[no-untyped-def]
 
 
 @njit
+def lines_with_cells(data, starts, ends):  # type: ignore[no-untyped-def]
+    """Whether line k, data[starts[k]:ends[k]], is neither blank nor begins with #."""
+    kept = np.zeros(len(starts), dtype=np.bool_)
+    for row in range(len(starts)):
+        for k in range(starts[row], ends[row]):
+            if data[k] != _BLANK and data[k] != _TAB:
+                kept[row] = data[starts[row]] != 35
+                break
+    return kept
+
+
+@njit
 def read_cells(  # type: ignore[no-untyped-def]
     data, starts, ends, separator, slot, out, empty, marks
 ):

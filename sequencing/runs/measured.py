@@ -65,7 +65,7 @@ def measured_against_plan(
             fix="convert positions and velocities to radians",
         )
     times = record.t_s - shift
-    planned, state = _planned(line, times), _state(line, run, times)
+    planned, state = _state(line, run, times)
     error = record.q_rad - planned
     planned_s, logged_s = _moving_s(*_fine(line)), _moving_s(record.t_s, record.velocity_rad_s)
     return {
@@ -148,18 +148,28 @@ def _moving_s(t: Array, velocity: Array) -> float:
     return float(t[moving[-1]] - t[moving[0]]) if moving.size else 0.0
 
 
-def _state(line: CycleTimeline, run: Run, times: Array) -> MotionState | None:
-    """Planned state at log times; None without robot. Standing still outside the plan."""
-    if run.robot is None:
-        return None
+def _state(line: CycleTimeline, run: Run, times: Array) -> tuple[Array, MotionState | None]:
+    """Planned positions (K, n) and, with a robot, state at log times; outside the plan it stands.
+
+    Torques are computed at the samples inside the plan, and once at either end.
+    """
     inside = (times >= 0.0) & (times <= line.duration_s)
-    state = line.at(np.clip(times, 0.0, line.duration_s), run.robot)
-    velocity, acceleration = np.array(state.velocity_rad_s), np.array(state.acceleration_rad_s2)
-    velocity[~inside], acceleration[~inside] = 0.0, 0.0
-    torque = np.array(state.torque_nm)
-    if not inside.all():
-        torque[~inside] = run.robot.gravity_torque_nm(state.q_rad[~inside])
-    return MotionState(settled(velocity), acceleration, acceleration, torque)
+    part = line.at(times[inside], run.robot)
+    ends = line.at(np.array([0.0, line.duration_s])).q_rad
+    late = (times > line.duration_s).astype(int)
+
+    def whole(values: Array, outside: Array) -> Array:
+        full = outside[late]
+        full[inside] = values
+        return full
+
+    planned, still = whole(part.q_rad, ends), np.zeros_like(ends)
+    if run.robot is None or part.torque_nm is None:
+        return planned, None
+    acceleration = whole(part.acceleration_rad_s2, still)
+    torque = whole(part.torque_nm, run.robot.gravity_torque_nm(ends))
+    velocity = settled(whole(part.velocity_rad_s, still))
+    return planned, MotionState(velocity, acceleration, acceleration, torque)
 
 
 def _currents(record: ControllerLog, run: Run, state: MotionState | None) -> dict[str, Any] | None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dmoc.arrays import Array
 from dmoc.errors import InputError
 from dmoc.table_file import decimal_fault, read_text, separator_of
-from sequencing.runs.log_cells import ROW_CELLS, read_cells
+from sequencing.runs.log_cells import ROW_CELLS, lines_with_cells, read_cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +96,7 @@ def _read(path: Path, motor: bool) -> _Columns:
     data = np.frombuffer(text.encode(), dtype=np.uint8)
     ends = np.append(np.flatnonzero(data == ord("\n")), len(data))
     starts = np.append(0, ends[:-1] + 1)
-    first = np.append(data, 0)[starts]
-    filled = np.append(0, np.cumsum((data != 32) & (data != 9) & (data != 10)))
-    kept = (filled[ends] > filled[starts]) & (first != ord("#"))
-    lines = np.flatnonzero(kept)
+    lines = np.flatnonzero(lines_with_cells(data, starts, ends))
     if len(lines) and bytes(data[starts[lines[0]] : ends[lines[0]]]).startswith(b"sep="):
         lines = lines[1:]  # a spreadsheet's own line about the separator
     head = bytes(data[starts[lines[0]] : ends[lines[0]]]).decode() if len(lines) else ""

@@ -1,6 +1,7 @@
 """The robots of the package, and what a Robot keeps, changes and survives."""
 
 import pickle
+import re
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -191,6 +192,19 @@ def test_what_nobody_gave_is_named_with_what_was_taken(tmp_path: Path) -> None:
     assert "assumed" in doubts["armature-missing"].fix
     (tmp_path / "robot.yaml").write_text("armature_kg_m2: 1\nacceleration_limit_rad_s2: 9\n")
     assert not load_robot(tmp_path / "arm.urdf").description.warnings
+
+
+def test_a_mass_that_does_not_go_with_the_arms_length_is_named(tmp_path: Path) -> None:
+    urdf = bare_arm(tmp_path)
+    codes = [doubt.code for doubt in load_robot(urdf).description.warnings]
+    assert "robot-mass" not in codes  # 33 kg on 1.38 m: 13 kg/m³
+    text = re.sub(
+        r'<mass value="([^"]+)"', lambda m: f'<mass value="{10 * float(m[1])}"', urdf.read_text()
+    )
+    urdf.write_text(text)
+    (doubt,) = (d for d in load_robot(urdf).description.warnings if d.code == "robot-mass")
+    assert doubt.value.startswith("331 kg")
+    assert "80 kg/m³" in doubt.legal
 
 
 def test_robots_of_the_package_give_everything_and_rotors_are_near_the_estimate() -> None:
