@@ -137,7 +137,7 @@ class Search:
 class Pruning:
     """Of `poses` that weld the studs `kept` were planned with; `full_turns` of the others differ
     from a kept one by full turns only. By a price of straight lines no cycle through the others is
-    cheaper by more than `may_cost_percent` (`sequencing.edges.pruned`).
+    cheaper by more than `may_cost_percent` (`sequencing.edges.pruning`).
     """
 
     poses: int

@@ -19,7 +19,7 @@ from planning.collision.departure_line import DepartureLine
 from planning.station.station import Station
 from planning.station.studs import Stud
 
-#: Poses of a station that are planned with: of more, `sequencing.edges.pruned` chooses.
+#: Poses of a station that are planned with: of more, `sequencing.edges.pruning` chooses.
 MOST_POSES = 480
 
 

@@ -25,7 +25,7 @@ from planning.station.station import Station
 from planning.welds.alternatives_search import alternatives
 from sequencing.edges.estimates import straight_line
 from sequencing.edges.nodes import StationNodes, station_nodes
-from sequencing.edges.pruned import pruned
+from sequencing.edges.pruning import pruned
 from sequencing.gtsp.portfolio import solve
 
 

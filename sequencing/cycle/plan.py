@@ -38,7 +38,7 @@ from sequencing.cycle_types import (
 )
 from sequencing.edges.nodes import HOME, StationNodes, station_nodes
 from sequencing.edges.oracle import EdgeEvent, StationEdges
-from sequencing.edges.pruned import pruned
+from sequencing.edges.pruning import pruned
 from sequencing.edges.store import EdgeStore
 from sequencing.gtsp.problem import Tour
 

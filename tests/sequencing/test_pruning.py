@@ -5,7 +5,7 @@ import numpy as np
 from planning.station.build import demo_station
 from planning.welds import poses
 from planning.welds.alternatives_search import alternatives
-from sequencing.edges import pruned as module
+from sequencing.edges import pruning as module
 
 
 def test_full_turns_and_dear_poses_go_and_the_loss_is_said(monkeypatch):
